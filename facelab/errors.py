@@ -1,0 +1,99 @@
+"""Checks at the boundary: one wording for what was wrong, where, and what to do."""
+
+import numpy as np
+
+
+def as_finite(array, name, shape, where="", remedy="remove or repair the bad values"):
+    """The array as float64, refused unless it has the shape asked for and only finite numbers.
+
+    Parameters
+    ----------
+    array : array_like
+    name : str
+        Name of the parameter, for the message.
+    shape : tuple of (int or str)
+        Wanted shape; a string stands for any length and names it.
+    where : str
+        Place of the data, for the message ("face.obj").
+    remedy : str
+        What to do about numbers that are not finite.
+
+    Raises
+    ------
+    ValueError
+        Naming the parameter, what was given and what is wanted.
+    """
+    array = np.asarray(array, dtype=float)
+    fits = array.ndim == len(shape) and all(
+        isinstance(want, str) or have == want for have, want in zip(array.shape, shape, strict=True)
+    )
+    place = f" in {where}" if where else ""
+    if not fits:
+        wanted = "(" + ", ".join(str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
+        raise ValueError(f"{name}{place} has shape {array.shape}, but needs shape {wanted}.")
+    bad = ~np.isfinite(array)
+    if bad.any():
+        first = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise ValueError(
+            f"{name}{place} holds {int(bad.sum())} value(s) that are NaN or infinite, the first at "
+            f"index {first}; {remedy}."
+        )
+    return array
+
+
+def check_number(value, name, low=None, high=None, above=None):
+    """The value as float, refused unless finite and within [low, high] (or above `above`)."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}={value!r} is not a number.") from None
+    wanted = [f"{low} or more"] * (low is not None) + [f"{high} or less"] * (high is not None)
+    wanted += [f"more than {above}"] * (above is not None)
+    if (
+        not np.isfinite(number)
+        or (low is not None and number < low)
+        or (high is not None and number > high)
+        or (above is not None and number <= above)
+    ):
+        raise ValueError(f"{name}={value!r}, but it must be {' and '.join(wanted) or 'finite'}.")
+    return number
+
+
+def check_index(value, name, size, what):
+    """The value as int, refused unless it is one of the `size` indices of `what`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise TypeError(f"{name}={value!r} is not an integer: give the index of one of {what}.")
+    if not 0 <= value < size:
+        raise ValueError(f"{name}={value}, but there are {size} {what}: 0 to {size - 1}.")
+    return int(value)
+
+
+def as_indices(values, name, size, what):
+    """Distinct indices of `what` as an int array, refused if one is outside 0 to size - 1."""
+    array = np.atleast_1d(np.asarray(values))
+    array = array.astype(int) if array.size == 0 else array
+    if array.ndim != 1 or array.dtype.kind not in "iu":
+        raise TypeError(
+            f"{name} has shape {array.shape} and type {array.dtype}; give a list of integers, the "
+            f"indices of {what}."
+        )
+    out = array[(array < 0) | (array >= size)]
+    if out.size:
+        raise ValueError(
+            f"{name} holds {', '.join(map(str, out[:6].tolist()))}, but there are {size} {what}: "
+            f"0 to {size - 1}."
+        )
+    once, count = np.unique(array, return_counts=True)
+    if (count > 1).any():
+        twice = ", ".join(map(str, once[count > 1][:6].tolist()))
+        raise ValueError(f"{name} holds {twice} more than once; give each index once.")
+    return array.astype(int)
+
+
+def check_choice(value, name, choices):
+    """The value, refused unless it is one of the choices."""
+    if value not in choices:
+        raise ValueError(
+            f"{name}={value!r} is unknown; choose one of {', '.join(map(repr, choices))}."
+        )
+    return value

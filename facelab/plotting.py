@@ -1,0 +1,136 @@
+"""Figures with matplotlib: faces, regions, curves. Readable in print and by the colour-blind."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgb
+from matplotlib.ticker import NullLocator
+
+from facelab.errors import as_finite
+from facelab.mesh import vertex_normals
+
+SKIN = "#e0b49a"
+_REGION_COLORS = (  # after Paul Tol's schemes for colour-blind readers, light enough to shade
+    *("#88ccee", "#cc6677", "#ddcc77", "#44aa99", "#aa4499", "#999933"),
+    *("#6699cc", "#ee8866", "#bbcc33", "#882255", "#77aadd", "#eedd88"),
+    *("#117733", "#ffaabb", "#332288", "#dddddd"),
+)
+_VIEWS = {"front": (0.0, 0.0), "left": (40.0, 0.0), "right": (-40.0, 0.0), "profile": (88.0, 0.0)}
+
+
+def region_colors(regions):
+    """A light colour for each region, neighbours unlike: shape (n_regions, 3), 0 to 1."""
+    palette = np.array([to_rgb(c) for c in _REGION_COLORS])
+    a, b = regions.labels[regions.mesh.edges].T
+    touch = np.zeros((regions.n_regions,) * 2, dtype=bool)
+    touch[a, b] = touch[b, a] = True
+    chosen = []
+    for i in range(regions.n_regions):  # each takes the colour farthest from its neighbours'
+        near = [palette[chosen[j]] for j in range(i) if touch[i, j]]
+        used = np.bincount(chosen, minlength=len(palette))
+        apart = [min([np.linalg.norm(c - n) for n in near], default=1) for c in palette]
+        score = np.array(apart) - 0.6 * used - 0.01 * np.arange(len(palette))
+        chosen.append(int(score.argmax()))
+    return 0.65 * palette[chosen] + 0.35
+
+
+def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=(), shade=True):
+    """Draw a shaded face.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+    mesh : TriangleMesh
+    vertices : ndarray of shape (n_vertices, 3), optional
+        Positions to draw instead of the mesh's own, millimetres.
+    colors : ndarray of shape (n_vertices, 3) or str, optional
+        Colour of each vertex, 0 to 1, or one for all; skin if left out.
+    view : {"front", "left", "right", "profile"} or (float, float)
+        Or azimuth towards the person's left and elevation, degrees.
+    props : iterable of (TriangleMesh, colors)
+        Still parts such as the eyes.
+    shade : bool, default=True
+
+    Returns
+    -------
+    callable
+        Takes points of shape (n, 3) to the plane of the drawing, shape (n, 2).
+    """
+    V = mesh.vertices if vertices is None else as_finite(vertices, "vertices", mesh.vertices.shape)
+    azimuth, elevation = np.radians(_VIEWS[view] if isinstance(view, str) else view)
+    ahead = np.array(
+        [
+            np.sin(azimuth) * np.cos(elevation),
+            np.sin(elevation),
+            np.cos(azimuth) * np.cos(elevation),
+        ]
+    )
+    right = np.array([np.cos(azimuth), 0, -np.sin(azimuth)])
+    up = np.cross(ahead, right)
+    plane = np.stack([right, up], axis=1)
+    parts = [_painted(V, mesh.faces, SKIN if colors is None else colors, ahead, right, up, shade)]
+    parts += [_painted(m.vertices, m.faces, c, ahead, right, up, shade) for m, c in props]
+    depth, corners, paint = (np.concatenate(x) for x in zip(*parts, strict=True))
+    order = np.argsort(depth)
+    ax.add_collection(
+        PolyCollection(
+            corners[order] @ plane,
+            facecolors=paint[order],
+            edgecolors="face",
+            linewidths=0.4,
+            antialiaseds=False,
+            rasterized=True,
+        )
+    )
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    ax.autoscale_view()
+    return lambda points: np.atleast_2d(points) @ plane
+
+
+def _painted(V, F, colors, ahead, right, up, shade):
+    """Depth (n_faces,), corners (n_faces, 3, 3) and shaded colour (n_faces, 3) of each triangle."""
+    paint = np.tile(to_rgb(colors), (len(V), 1)) if isinstance(colors, str) else np.asarray(colors)
+    paint = paint[F].mean(axis=1)
+    normals = vertex_normals(V, F)[F].mean(axis=1)
+    facing = normals @ ahead
+    if shade:
+        key = np.clip(normals @ (0.55 * ahead + 0.5 * up - 0.35 * right), 0, None)
+        paint = np.clip(paint * (0.36 + 0.74 * key + 0.10 * np.clip(facing, 0, 1))[:, None], 0, 1)
+    paint[facing < 0] *= 0.35  # the inside, seen through an opening
+    return (V @ ahead)[F].mean(axis=1), V[F], np.round(paint * 48) / 48  # small picture files
+
+
+def draw_pins(ax, project, vertices, targets):
+    """Draw pins as in the viewer: dark on the vertex, yellow on the target, a line between."""
+    a, b = project(vertices), project(targets)
+    ax.plot(*np.stack([a, b]).transpose(2, 0, 1), color="#1a1a1a", lw=1.2, zorder=5)
+    ax.plot(*a.T, "o", color="#0d0d0d", ms=4, zorder=6)
+    ax.plot(*b.T, "o", color="#ffd900", mec="#1a1a1a", ms=5, zorder=6)
+
+
+def new_row(n_faces, size=3.0, titles=()):
+    """A row of empty axes for faces: figure, axes."""
+    figure, axes = new_grid(1, n_faces, size, titles)
+    return figure, axes[0]
+
+
+def new_grid(n_rows, n_columns, size=3.0, titles=(), fontsize=10):
+    """Rows of empty axes for faces: figure, axes of shape (n_rows, n_columns)."""
+    figure, axes = plt.subplots(
+        n_rows, n_columns, figsize=(size * n_columns, size * 1.2 * n_rows), squeeze=False
+    )
+    for ax in axes.flat:
+        ax.set_axis_off()
+    for ax, title in zip(axes.flat, titles, strict=False):
+        ax.set_title(title, fontsize=fontsize)
+    figure.set_layout_engine("constrained")
+    return figure, axes
+
+
+def plain_log_ticks(ax, x=(), y=()):
+    """Logarithmic axes with these ticks, written as plain numbers."""
+    for axis, ticks in ((ax.xaxis, x), (ax.yaxis, y)):
+        if len(ticks):
+            axis.set_ticks(ticks, [f"{t:g}" for t in ticks])
+            axis.set_minor_locator(NullLocator())

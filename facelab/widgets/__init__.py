@@ -1,0 +1,7 @@
+"""Views for the notebook: ipywidgets and pythreejs on top of the sessions."""
+
+from facelab.widgets.player import Player
+from facelab.widgets.posing_lab import PosingLab
+from facelab.widgets.viewer import FaceView
+
+__all__ = ["FaceView", "Player", "PosingLab"]

@@ -1,0 +1,435 @@
+"""A face in the page: the one module that speaks pythreejs, so that a successor can replace it.
+
+Scene units are millimetres, axes those of the head frame.
+"""
+
+import numpy as np
+import pythreejs as three
+from matplotlib.colors import to_rgb
+from scipy.spatial.transform import Rotation
+
+from facelab.mesh import normals_operator, vertex_normals_by
+
+SKIN = "#e0b49a"
+_HOVER, _PIN, _TARGET = "#ffffff", (0.05, 0.05, 0.05), (1.0, 0.85, 0.0)
+_FOV = 18.0  # degrees: a long lens, so that a face looks as from across a table
+_RESERVED_PINS = 8
+_MARKER, _MARKER_SIZE = "#12406b", 3.0  # mm, as wide as those that actors wear
+_DISC_CORNERS = 14
+_NOWHERE = (0.0, 0.0, -1e6)
+
+
+for _trait in three.Picker.class_traits(sync=True).values():
+    # the kernel need not repeat to the page where its mouse is: a kilobyte less per move
+    _trait.tag(echo_update=False)
+
+
+class FaceView:
+    """A shaded face that can be hovered over, taken hold of and morphed.
+
+    The scene is built once; afterwards only buffers of the same shape are replaced.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The face, millimetres.
+    props : iterable of (TriangleMesh, colors)
+        Still parts such as eyes and teeth; colors of shape (n_vertices, 3), 0 to 1.
+    width, height : int
+        Size of the canvas, pixels.
+
+    Attributes
+    ----------
+    widget : pythreejs.Renderer
+        To be displayed.
+    on_hover, on_press, on_move, on_release : callable or None
+        Called with (vertex or None), (vertex), (point of shape (3,), millimetres), ().
+    """
+
+    def __init__(self, mesh, props=(), width=620, height=640):
+        self.mesh = mesh
+        self.on_hover = self.on_press = self.on_move = self.on_release = None
+        self._V = mesh.vertices
+        self._operator = normals_operator(mesh.faces, mesh.n_vertices)
+        self._dragging = False
+        self._build_face()
+        self._build_marks()
+        self._reserve_points(0)
+        still = [_still(part, colors) for part, colors in props]
+        self._plane = three.Mesh(
+            three.PlaneBufferGeometry(4000, 4000), three.MeshBasicMaterial(visible=False)
+        )
+        self._build_camera(width / height)
+        self._scene = three.Scene(
+            children=[
+                *(self._face, self._marks, self._cloud, self._hover, self._plane),
+                *(*still, *self._lights()),
+            ],
+            background="#f4f4f2",
+        )
+        self._build_controls()
+        self.widget = three.Renderer(
+            camera=self._camera,
+            scene=self._scene,
+            controls=[self._orbit, self._down, self._moved, self._up, self._left],
+            antialias=True,
+            width=width,
+            height=height,
+        )
+
+    # --- scene ------------------------------------------------------------------------------------
+
+    def _build_face(self):
+        """The face, and in the same buffers the pin of the drag under way.
+
+        So that pin, line and face follow the mouse by one message with three numbers.
+        """
+        self._n = self.mesh.n_vertices
+        offsets, ends, triangles = _pin_shape()
+        self._pin_offsets, self._pin_ends = offsets, ends
+        V = self._with_pin(self._V, self._V[[0]])
+        N = self._with_pin(self._normals(self._V), np.zeros((1, 3)))
+        attribute = three.BufferAttribute
+        self._position, self._normal = attribute(V), attribute(N)
+        self._color = attribute(self._skin())
+        self._morphs = [attribute(V) for _ in range(3)]
+        self._morph_normals = [attribute(N) for _ in range(3)]
+        faces = np.vstack([self.mesh.faces, triangles + self._n])
+        geometry = three.BufferGeometry(
+            attributes={
+                "position": self._position,
+                "normal": self._normal,
+                "color": self._color,
+                "index": attribute(faces.ravel().astype(np.uint32), normalized=False),
+            },
+            morphAttributes={"position": self._morphs, "normal": self._morph_normals},
+        )
+        material = three.MeshStandardMaterial(
+            roughness=0.55,
+            metalness=0.0,
+            side="DoubleSide",
+            vertexColors="VertexColors",
+            morphTargets=True,
+            morphNormals=True,
+        )
+        self._face = three.Mesh(geometry, material, morphTargetInfluences=[0.0, 0.0, 0.0])
+
+    def _build_marks(self):
+        self._hover = three.Mesh(
+            three.SphereBufferGeometry(1.3, 16, 12),
+            three.MeshBasicMaterial(color=_HOVER, transparent=True, opacity=0.85),
+            visible=False,
+        )
+        self._marks = three.Group()
+        self._reserve_pins(_RESERVED_PINS)
+
+    def _reserve_pins(self, n_pins):
+        self._room = n_pins
+        self._ends = three.BufferAttribute(np.zeros((2 * n_pins, 3), np.float32))
+        colors = three.BufferAttribute(np.tile(np.float32([_PIN, _TARGET]), (n_pins, 1)))
+        ends = three.BufferGeometry(attributes={"position": self._ends, "color": colors})
+        points = three.Points(
+            ends,
+            three.PointsMaterial(
+                size=11,
+                sizeAttenuation=False,
+                vertexColors="VertexColors",
+                depthTest=False,
+                map=_disc(),
+                alphaTest=0.5,
+            ),
+            frustumCulled=False,
+        )
+        lines = three.LineSegments(
+            ends, three.LineBasicMaterial(color="#1a1a1a", depthTest=False), frustumCulled=False
+        )
+        self._marks.children = [lines, points]
+        self._marks.visible = False
+
+    def _reserve_points(self, n_points):
+        self._points = three.BufferAttribute(np.zeros((max(n_points, 1), 3), np.float32))
+        material = three.PointsMaterial(
+            color=_MARKER,
+            # three.js takes the size as if the lens were 90 degrees wide
+            size=_MARKER_SIZE / np.tan(np.radians(_FOV / 2)),
+            map=_disc(),
+            alphaTest=0.5,
+        )
+        geometry = three.BufferGeometry(attributes={"position": self._points})
+        points = three.Points(geometry, material, frustumCulled=False)
+        if not hasattr(self, "_cloud"):
+            self._cloud = three.Group(visible=False)
+        self._cloud.children = [points]
+
+    def _build_camera(self, aspect):
+        low, high = self._V.min(axis=0), self._V.max(axis=0)
+        self._target = (low + high) / 2
+        half = np.tan(np.radians(_FOV / 2))
+        extent = max(high[1] - low[1], (high[0] - low[0]) / aspect)
+        away = 1.12 * extent / 2 / half + (high[2] - low[2]) / 2
+        at = self._target + [0, 0, away]
+        self._camera = three.PerspectiveCamera(
+            fov=_FOV, aspect=aspect, near=away / 20, far=away * 4, position=at.tolist()
+        )
+        self._camera.lookAt(self._target.tolist())
+
+    def _lights(self):
+        key = three.DirectionalLight(color="#fff4e8", intensity=0.55, position=[-250, 300, 500])
+        fill = three.DirectionalLight(color="#dfe9ff", intensity=0.28, position=[400, 50, 300])
+        return [three.AmbientLight(color="#ffffff", intensity=0.40), key, fill]
+
+    # --- what the mouse does ----------------------------------------------------------------------
+
+    def _build_controls(self):
+        self._orbit = three.OrbitControls(
+            controlling=self._camera, target=self._target.tolist(), enablePan=False
+        )
+        self._nothing = three.Group()
+        self._down = three.Picker(controlling=self._face, event="mousedown")
+        self._moved = three.Picker(controlling=self._face, event="mousemove")
+        # the ends of a drag need no picking, only to be noticed
+        self._up = three.Picker(controlling=self._plane, event="mouseup")
+        self._left = three.Picker(controlling=self._plane, event="mouseleave")
+        self._moved.observe(lambda _: self._mouse_moved(), names=["point"])
+        for picker, react in (
+            (self._down, self._pressed),
+            (self._up, self._released),
+            (self._left, self._released),
+        ):
+            picker.observe(lambda change, r=react: self._notice(change, r), names=["point"])
+
+    def _notice(self, change, react):
+        """React to a click, and make a second one at the same place a change again."""
+        if tuple(change["new"]) != _NOWHERE:
+            react()
+            change["owner"].point = _NOWHERE
+
+    def _picked(self, picker):
+        """Vertex of the face under the mouse, or None."""
+        if picker.object is not self._face:
+            return None
+        corners = np.array(picker.face, dtype=int)
+        if corners.max() >= self._n:  # the pin of the drag under way
+            return None
+        return int(corners[np.linalg.norm(self._V[corners] - picker.point, axis=1).argmin()])
+
+    def _pressed(self):
+        vertex = self._picked(self._down)
+        if vertex is None or self._dragging or self.on_press is None:
+            return
+        self._plane.position = self._down.point
+        self._plane.quaternion = Rotation.from_matrix(self._axes().T).as_quat().tolist()
+        self._grab = np.array(self._down.point)
+        self._dragging = True
+        self._moved.controlling = self._plane  # from here on moves are read off the plane
+        self.on_press(vertex)
+
+    def _mouse_moved(self):
+        if self._dragging:
+            if self._moved.object is self._plane and self.on_move is not None:
+                self.on_move(np.array(self._moved.point) - self._grab)
+            return
+        vertex = self._picked(self._moved)
+        # on the face the mouse poses, beside it orbits; orbits everywhere where nothing is posed
+        self._orbit.enableRotate = vertex is None or self.on_press is None
+        if self.on_hover is not None:
+            self.on_hover(vertex)
+
+    def _released(self):
+        if not self._dragging:
+            return
+        self._dragging = False
+        self._moved.controlling = self._face
+        if self.on_release is not None:
+            self.on_release()
+
+    def end_drag(self):
+        """Forget a drag under way, as after an error in it."""
+        self._dragging = False
+        self._moved.controlling = self._face
+
+    # --- what is shown ----------------------------------------------------------------------------
+
+    def _normals(self, V):
+        return _f32(vertex_normals_by(self._operator, V, self.mesh.faces))
+
+    def _with_pin(self, per_vertex, per_pin):
+        """Values of the face with those of the pin's vertices below, float32."""
+        per_pin = np.broadcast_to(per_pin, self._pin_offsets.shape)
+        return _f32(np.vstack([per_vertex, per_pin]))
+
+    def _skin(self, colors=None):
+        """Vertex colours of face and pin."""
+        skin = np.ones((self._n, 3)) if colors is None else np.asarray(colors)
+        pin = np.where(self._pin_ends[:, None] > 0, _TARGET, _PIN)
+        return self._with_pin(skin * to_rgb(SKIN) if colors is None else skin, pin)
+
+    def show(self, vertices):
+        """Show the face at these positions, shape (n_vertices, 3), millimetres; ends a morph."""
+        self._V = np.asarray(vertices)
+        if any(self._face.morphTargetInfluences):
+            self._face.morphTargetInfluences = [0.0, 0.0, 0.0]
+        self._position.array = self._with_pin(self._V, self._V[[0]])
+        self._normal.array = self._with_pin(self._normals(self._V), np.zeros((1, 3)))
+
+    def begin_morph(self, D, vertex, target):
+        """Prepare the face on screen to move by D @ t without sending vertices again.
+
+        Parameters
+        ----------
+        D : ndarray of shape (n_vertices, 3, 3)
+            D[:, :, a] is the displacement for one millimetre of t along axis a.
+        vertex : int
+            Vertex that is held; a pin is drawn from it to its target.
+        target : ndarray of shape (3,)
+            Where the target is at t = 0, millimetres.
+        """
+        axes = self._axes()
+        ends = np.where(self._pin_ends[:, None] > 0, target, self._V[vertex])
+        pin = ends + self._pin_offsets @ axes + 2 * axes[2]  # a little in front of the skin
+        still, facing = self._normals(self._V), np.broadcast_to(axes[2], pin.shape)
+        self._position.array = self._with_pin(self._V, pin)
+        self._normal.array = self._with_pin(still, facing)
+        reach = 5.0  # mm over which the normals are linearised
+        for axis in range(3):
+            along = np.where(self._pin_ends[:, None] > 0, np.eye(3)[axis], D[vertex, :, axis])
+            self._morphs[axis].array = self._with_pin(self._V + D[:, :, axis], pin + along)
+            ahead = self._normals(self._V + reach * D[:, :, axis])
+            normals = still + (ahead - still) / np.float32(reach)
+            self._morph_normals[axis].array = self._with_pin(normals, facing)
+
+    def morph(self, t):
+        """Move the face by D @ t, t of shape (3,), millimetres: three numbers on the wire."""
+        self._face.morphTargetInfluences = [float(x) for x in t]
+
+    def show_hover(self, position):
+        """Mark a point of the face, shape (3,), or nothing for None."""
+        if position is not None:
+            self._hover.position = [float(x) for x in position]
+        if self._hover.visible != (position is not None):
+            self._hover.visible = position is not None
+
+    def show_pins(self, vertices, targets):
+        """Draw pins: a dark dot on each vertex, a yellow one on its target, a line between.
+
+        Parameters
+        ----------
+        vertices, targets : ndarray of shape (n_pins, 3)
+            Millimetres.
+        """
+        n_pins = len(vertices)
+        if n_pins > self._room:
+            self._reserve_pins(2 * n_pins)
+        if n_pins:
+            ends = np.empty((2 * self._room, 3), np.float32)
+            ends[0 : 2 * n_pins : 2], ends[1 : 2 * n_pins : 2] = vertices, targets
+            ends[2 * n_pins :] = np.tile(ends[:2], (self._room - n_pins, 1))  # spares: on the first
+            self._ends.array = ends
+        if self._marks.visible != bool(n_pins):
+            self._marks.visible = bool(n_pins)
+
+    def show_points(self, positions):
+        """Draw a cloud of markers, 3 mm wide.
+
+        Parameters
+        ----------
+        positions : ndarray of shape (n_points, 3)
+            Millimetres; a point with NaN is not drawn.
+        """
+        positions = np.asarray(positions, dtype=float)
+        if positions.ndim != 2 or positions.shape[1] != 3:
+            raise ValueError(f"positions has shape {positions.shape}, but must be (n_points, 3).")
+        seen = np.isfinite(positions).all(axis=1)
+        if seen.any():
+            if len(positions) != len(self._points.array):
+                self._reserve_points(len(positions))
+            # those not seen hide in the first one that is
+            at = np.where(seen[:, None], positions, positions[seen.argmax()])
+            self._points.array = _f32(at)
+        if self._cloud.visible != bool(seen.any()):
+            self._cloud.visible = bool(seen.any())
+
+    def paint(self, colors):
+        """Colour the face: shape (n_vertices, 3), 0 to 1; None for plain skin."""
+        self._color.array = self._skin(colors)
+
+    def project(self, points):
+        """Where points fall on the canvas, as the camera stands now.
+
+        Parameters
+        ----------
+        points : ndarray of shape (n, 3)
+            Millimetres.
+
+        Returns
+        -------
+        ndarray of shape (n, 2)
+            Fractions of the width from the left and of the height from the top.
+        """
+        x, y, z = self._axes() @ (np.atleast_2d(points) - self._camera.position).T
+        depth = -z * np.tan(np.radians(_FOV / 2))
+        return np.stack([(1 + x / depth / self._camera.aspect) / 2, (1 - y / depth) / 2], axis=1)
+
+    def _axes(self):
+        """Right, up and back as the camera sees them, rows of shape (3, 3).
+
+        From where the camera stands, for its own rotation reaches the kernel late.
+        """
+        back = self._camera.position - self._target
+        back /= np.linalg.norm(back)
+        right = np.cross([0, 1, 0], back)
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(back, right), back])
+
+
+def _still(mesh, colors):
+    geometry = three.BufferGeometry(
+        attributes={
+            "position": three.BufferAttribute(_f32(mesh.vertices)),
+            "normal": three.BufferAttribute(_f32(mesh.normals)),
+            "color": three.BufferAttribute(_f32(colors)),
+            "index": three.BufferAttribute(mesh.faces.ravel().astype(np.uint32), normalized=False),
+        }
+    )
+    material = three.MeshStandardMaterial(vertexColors="VertexColors", roughness=0.25)
+    return three.Mesh(geometry, material)
+
+
+def _pin_shape(radius=1.3, half_width=0.3):
+    """A pin seen from the front: a disc at each end, and two crossed ribbons between.
+
+    Returns
+    -------
+    offsets : ndarray of shape (n, 3)
+        From the end, along right, up and back, millimetres.
+    ends : ndarray of int, shape (n,)
+        0 for vertices at the held vertex, 1 for those at the target.
+    triangles : ndarray of int, shape (n_triangles, 3)
+    """
+    angle = 2 * np.pi * np.arange(_DISC_CORNERS) / _DISC_CORNERS
+    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1) * radius
+    disc = np.vstack([[[0, 0, 0]], ring])
+    around = np.arange(1, _DISC_CORNERS + 1)
+    fan = np.stack([0 * around, around, np.roll(around, -1)], axis=1)
+    wide = half_width * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    offsets = np.vstack([disc, disc + [0, 0, 0.1], wide, wide])
+    n = len(disc)
+    ends = np.repeat([0, 1, 0, 1], [n, n, 4, 4])
+    a, b = 2 * n, 2 * n + 4
+    ribbons = [[a, a + 1, b], [a + 1, b + 1, b], [a + 2, a + 3, b + 2], [a + 3, b + 3, b + 2]]
+    return offsets, ends, np.vstack([fan, fan + n, ribbons])
+
+
+def _disc(size=32):
+    """A round white texture: points are square without one."""
+    across = np.linspace(-1, 1, size)
+    inside = across[:, None] ** 2 + across**2 < 0.95
+    return three.DataTexture(
+        data=np.where(inside[..., None], 255, 0).repeat(4, axis=2).astype(np.uint8),
+        format="RGBAFormat",
+        type="UnsignedByteType",
+    )
+
+
+def _f32(array):
+    return np.ascontiguousarray(array, dtype=np.float32)

@@ -1,0 +1,33 @@
+"""Keep environment.yml in step with pyproject.toml: `python tests/environment.py` writes it."""
+
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PIP_ONLY = {"ezc3d", "nbval", "playwright", "pythreejs"}  # taken from PyPI inside the conda env
+
+
+def environment_yml():
+    """The text that environment.yml must have, from pyproject.toml alone."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = project["dependencies"] + project["optional-dependencies"]["test"]
+    conda = [d for d in wanted if d.split(">=")[0] not in PIP_ONLY]
+    pip = [d for d in wanted if d.split(">=")[0] in PIP_ONLY]
+    lines = [
+        "# Written by `make lock` from pyproject.toml: change that file, not this one.",
+        "name: facelab",
+        "channels:",
+        "  - conda-forge",
+        "dependencies:",
+        f"  - python{project['requires-python']},<3.14",
+        "  - pip",
+        *(f"  - {d}" for d in conda),
+        "  - pip:",
+        *(f"      - {d}" for d in pip),
+        "      - --editable .",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    (ROOT / "environment.yml").write_text(environment_yml())
