@@ -1,0 +1,1 @@
+"""The four synthetic actors: faces, action units, performances, captures, all from code."""

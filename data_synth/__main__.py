@@ -1,0 +1,48 @@
+"""Make the captures of the actors: `python -m data_synth --out DIR`."""
+
+import argparse
+import sys
+
+from data_synth.capture import SIZES, open_capture
+from data_synth.performance import ACTORS
+
+
+def main(arguments=None):
+    """Make what is missing or damaged under a folder; return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m data_synth",
+        description="Make the marker captures of the four synthetic actors: C3D files and the "
+        "truth behind them. What is there already, whole and up to date, is kept.",
+    )
+    parser.add_argument("--out", help="folder to write to; default: the cache of facelab")
+    parser.add_argument("--actors", nargs="+", choices=ACTORS, default=ACTORS, metavar="ACTOR",
+                        help=f"some of {', '.join(ACTORS)}; default: all")  # fmt: skip
+    parser.add_argument("--size", choices=tuple(SIZES), default="default")
+    parser.add_argument("--random-state", type=int, default=0, metavar="SEED",
+                        help="everything that happens follows from it; default: 0")  # fmt: skip
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    chosen = parser.parse_args(arguments)
+    if chosen.random_state < 0:
+        parser.error(f"--random-state {chosen.random_state}: give 0 or more")
+    root = chosen.out
+    if root is None:
+        from facelab.datasets import cache_dir
+
+        root = cache_dir()
+    try:
+        for actor in chosen.actors:
+            capture = open_capture(
+                actor, root, chosen.size, chosen.random_state, progress=not chosen.quiet
+            )
+            print(f"{capture} in {capture.folder}")
+    except KeyboardInterrupt:
+        print("Interrupted: finished actors are kept, nothing half-made is.", file=sys.stderr)
+        return 130
+    except OSError as error:  # no space, no permission, a file where a folder should be
+        print(f"Could not write to {root}: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
