@@ -7,7 +7,7 @@ Lengths are millimetres, angles degrees.  Where the defaults come from differs:
   against his tables, so do not cite them as data;
 - depths, and everything of soft tissue, were set by hand, beside pictures of the scanned
   neutral of ICT-FaceKit, all 68 of its landmark positions, and depths read off its skin on
-  the forehead, the temples, the nose and the jaw.  No number was fitted by a program, but
+  the forehead, temples, orbits, nose and jaw.  No number was fitted by a program, but
   because of this the agreement with that scan is not independent evidence of anything.
 
 Depths are measured forward (+) or backward (-) from the coronal plane through the centres of

@@ -477,7 +477,7 @@ def _eye(a, loop, theta):
         own = _ball_depth(a, corner[0], corner[1], a.eyeball_radius + radius.mean(), limb, slope)
         z = z + near * (corner[2] + deep - own)
     # but never into it
-    above = {"margin": 0.9, "tarsus": 1.2, "crease": 1.2}.get(loop, 0.65)
+    above = {"margin": 1.2, "tarsus": 1.4, "crease": 1.4}.get(loop, 0.5)
     ball = (a.eyeball_radius + above) ** 2 - (x - eyeball_centre(a)[0]) ** 2 - y**2
     z = np.maximum(z, np.sqrt(np.maximum(ball, 0.0)))
     return np.stack([x, y, z], -1)
@@ -525,7 +525,7 @@ def _orbit(a):
             ),
             (52.0, 14.0),
         ),
-        ("orbit_lateral", (outer[0] + 4.0, outer[1] + 3.5, 1.8), (65.0, 5.0)),
+        ("orbit_lateral", (outer[0] + 4.0, outer[1] + 3.5, 1.0), (65.0, 5.0)),
         (
             "canthus_medial",
             (inner[0] - 3.0, inner[1] + 0.5 - hang, 10.0 + 0.7 * a.epicanthus),
@@ -1479,7 +1479,7 @@ def build_template(anatomy=None, n_vertices=8820):
     -------
     Template
         Faces built with equal `n_vertices` correspond vertex by vertex, whatever their
-        anatomy.  The first call for a density makes its mesh (a few seconds), later calls
+        anatomy.  The first call for a density makes its mesh (about three seconds), later calls
         take some hundredths of a second.
 
     Raises

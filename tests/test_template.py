@@ -225,6 +225,16 @@ def test_no_skin_lies_inside_an_eyeball(actor):
         assert np.linalg.norm(actor.vertices - centre, axis=1).min() > radius
 
 
+def test_the_inner_corner_of_the_eye_is_closed_by_skin_before_the_ball(actor):
+    for side in ("left", "right"):
+        centre, radius = actor.eyeballs[side]
+        rim = actor.vertices[actor.curves[f"upper_lid_inner_{side}"][0]] - centre
+        # seen from the front the edge of the skin lies well within the ball's outline,
+        # and close to the ball, so that no view shows what is behind
+        assert np.hypot(rim[0], rim[1]) < 0.95 * radius and rim[2] > 0.0
+        assert np.linalg.norm(rim) - radius < 1.0
+
+
 # --- proportions ------------------------------------------------------------------------
 
 
@@ -309,6 +319,15 @@ def test_random_identities_are_sound_and_repeatable(seed):
     assert len(self_intersections(face.vertices, half)) == 0
 
 
+@pytest.mark.parametrize("seed", [3, 22, 25, 26])  # lids of these nearly touch
+def test_difficult_random_identities_are_sound_when_dense(seed):
+    face = build_template(random_identity(seed))
+    half = face.faces[(face.vertices[face.faces, 0] >= 0.0).all(1)]
+    assert len(self_intersections(face.vertices, half)) == 0
+    for centre, radius in face.eyeballs.values():
+        assert np.linalg.norm(face.vertices - centre, axis=1).min() > radius
+
+
 # --- likeness to a scan -----------------------------------------------------------------
 
 
@@ -350,8 +369,8 @@ def test_average_face_is_near_a_scanned_face():
     assert np.linalg.det(u @ vt) > 0
     aligned = scale * (face.vertices - x.mean(0)) @ (u @ vt) + y.mean(0)
     distance = surface_distance(aligned, vertices, faces)
-    assert distance.mean() < 4.0
-    assert np.quantile(distance, 0.95) < 9.0
+    assert distance.mean() < 2.5
+    assert np.quantile(distance, 0.95) < 6.0
 
 
 # --- refusals ---------------------------------------------------------------------------

@@ -28,8 +28,10 @@ def find():
 
 def install():
     """Try playwright's browser, then the system's package; the commands tell what they do."""
-    root = [] if os.geteuid() == 0 else ["sudo", "-n"]
-    ways = [[[sys.executable, "-m", "playwright", "install", "--with-deps", "chromium"]]]
+    is_root = os.geteuid() == 0
+    root = [] if is_root else ["sudo", "-n"]  # never asks for a password
+    deps = ["--with-deps"] if is_root else []
+    ways = [[[sys.executable, "-m", "playwright", "install", *deps, "chromium"]]]
     if shutil.which("apt-get"):
         quiet = [*root, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "-qq"]
         ways.append([[*quiet, "update"], [*quiet, "install", "-y", "chromium"]])
@@ -37,7 +39,8 @@ def install():
         for command in way:
             print("browser tests need a Chromium: running", " ".join(command), flush=True)
             try:
-                subprocess.run(command, check=True, timeout=600, stdout=subprocess.DEVNULL)
+                quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
+                subprocess.run(command, check=True, timeout=600, **quiet)
             except (OSError, subprocess.SubprocessError) as error:
                 print(f"  did not work: {error}", flush=True)
                 break
