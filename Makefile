@@ -68,7 +68,8 @@ test-browser: env data browser
 
 notebooks: env data
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace \
-		--ExecutePreprocessor.store_widget_state=False $(NOTEBOOKS)
+		--ExecutePreprocessor.store_widget_state=False \
+		--ExecutePreprocessor.record_timing=False $(NOTEBOOKS)
 
 bench: env data browser
 	$(BIN)/python tests/benchmarks/run.py

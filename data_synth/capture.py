@@ -5,6 +5,7 @@ they were made: weights, head pose, marker sites, faults and seed. Dense surface
 it on demand; all of them would be gigabytes.
 """
 
+import functools
 import hashlib
 import json
 import os
@@ -419,12 +420,16 @@ def _performances(actor, size, random_state):
     return takes
 
 
+@functools.cache
 def code_stamp():
     """Fingerprint of the code that makes the actors; a capture made by other code is stale."""
     digest = hashlib.sha256()
     for file in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(file.read_bytes())
     return digest.hexdigest()[:16]
+
+
+code_stamp()  # of the code as it is imported: the files may be edited while it runs
 
 
 def _sha256(path):

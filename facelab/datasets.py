@@ -61,7 +61,13 @@ def _download(url, name, sha256, folder):
                 progressbar=False,
             )
         )
-    except Exception as error:  # no network, a server's refusal, a checksum that differs
+    except ValueError as error:  # not a matter of the network: what came is not what was pinned
+        raise ValueError(
+            f"{name} was downloaded, but is not the file it should be: {error} Try again; if that "
+            "does not help, copy the data to this machine and name its folder in FACELAB_ICT or "
+            "FACELAB_CAPTURES."
+        ) from None
+    except Exception as error:  # no network, a server's refusal
         raise DataUnavailable(
             f"{name} is not at hand and could not be downloaded ({type(error).__name__}). "
             "Without a network, copy the data to this machine and name its folder: FACELAB_ICT for "
@@ -97,7 +103,7 @@ def load_ict_facekit(root=None, area="narrow", n_identities=0):
     ----------
     root : str or Path, optional
         A clone of ICT-FaceKit; else the environment variable `FACELAB_ICT`, the cache, or a
-        download of the pinned files (140 MB).
+        download of the pinned files (150 MB).
     area : {"narrow", "face", "all"}
         Without ears and neck (6,706 vertices), with them (9,409), or with eyes, teeth and the
         inside of the mouth (26,719).
@@ -328,7 +334,7 @@ def load_example():
 
 
 def synthetic_props(face):
-    """The eyeballs of a synthetic face, to be shown with it.
+    """The eyes and the dark of the mouth of a synthetic face, to be shown with it.
 
     Parameters
     ----------
@@ -337,16 +343,22 @@ def synthetic_props(face):
     Returns
     -------
     list of (TriangleMesh, colors)
-        Millimetres; colors of shape (n_vertices, 3), 0 to 1.
+        Millimetres; colors of shape (n_vertices, 3), 0 to 1. Only the front of the eyeballs.
     """
     import trimesh
 
-    eyes = []
+    ball = trimesh.creation.icosphere(4)
+    front = TriangleMesh(ball.vertices, ball.faces).submesh(ball.vertices[:, 2] > 0.3)
+    props = []
     for centre, radius in face.eyeballs.values():
-        ball = trimesh.creation.icosphere(4, radius)
-        colors = _eye_colors(ball.vertices, np.array([0.0, 0.0, 1.0]), iris=5.9)
-        eyes.append((TriangleMesh(ball.vertices + centre, ball.faces), colors))
-    return eyes
+        spoke = radius * front.vertices
+        colors = _eye_colors(spoke, np.array([0.0, 0.0, 1.0]), iris=5.9)
+        # a little back: lids drawn triangle by triangle would let the white through
+        props.append((front.with_vertices(centre + spoke - [0, 0, 0.6]), colors))
+    lips = face.vertices[face.landmarks[MULTI_PIE.index("mouth_inner_upper")]]
+    # bulging, so that its rim stays inside the cheeks when the jaw drops
+    dark = front.with_vertices(lips + [0, -11, -60] + front.vertices * [36, 32, 36])
+    return [*props, (dark, np.tile((0.28, 0.10, 0.09), (dark.n_vertices, 1)))]
 
 
 def _synthetic_example(why):

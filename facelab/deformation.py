@@ -6,9 +6,11 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
-from facelab.mesh import TriangleMesh
+from facelab.errors import as_finite, as_indices, check_number
+from facelab.mesh import TriangleMesh, vertex_normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +87,7 @@ def bind(mesh, samples, tolerance=1e-3):
         raise ValueError("samples names a vertex twice; each control vertex needs its own.")
     mesh.check_connected()
     L = mesh.laplacian("cotangent", normalised=False)
-    area = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3, 3), minlength=n)
-    Q = sp.csc_array(L.T @ sp.diags_array(1 / np.maximum(area, 1e-9)) @ L)
+    Q = sp.csc_array(L.T @ sp.diags_array(1 / np.maximum(mesh.vertex_areas, 1e-9)) @ L)
     free = np.setdiff1d(np.arange(n), samples)
     weights = sp.lil_array((n, len(samples)))
     weights[samples, np.arange(len(samples))] = 1
@@ -105,3 +106,230 @@ def bind(mesh, samples, tolerance=1e-3):
         place = sp.coo_array((np.ones(free.size), (free, np.arange(free.size))), (n, free.size))
         weights = sp.csr_array(weights + place @ sp.csr_array(W))
     return LinearBinding(mesh, samples, weights)
+
+
+# -- Laplacian deformation --------------------------------------------------------------------
+
+
+class LaplacianDeformer:
+    """A mesh that keeps its Laplacian coordinates while some of its vertices are pulled.
+
+    Everything but the positions is settled once: a new pull costs two triangular solves.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The face at rest, millimetres.
+    anchors : array_like of int, shape (n_anchors,)
+        Pulled vertices, each once; one or more in every piece of the mesh.
+    anchor_weight : float, default=0.5
+        Pull of the anchors (no unit), alpha of Eq. 12.
+    weights : {"uniform", "cotangent"}
+        Of the Laplacian, Eq. 11.
+
+    Raises
+    ------
+    ValueError
+        For anchors outside the mesh or twice, a weight that is not positive, or a piece of the
+        mesh without an anchor.
+
+    References
+    ----------
+    Yu and Liu 2014, Eq. 11-15. Eq. 14 prints the neutral's anchors on the right side, with which
+    nothing would move; meant are the optimised positions.
+    """
+
+    def __init__(self, mesh, anchors, anchor_weight=0.5, weights="uniform"):
+        self.mesh = mesh
+        self.anchors = as_indices(anchors, "anchors", mesh.n_vertices, "vertices")
+        self.anchor_weight = check_number(anchor_weight, "anchor_weight", above=0)
+        loose = np.setdiff1d(np.unique(mesh.pieces), mesh.pieces[self.anchors])
+        if loose.size:
+            first = int(np.flatnonzero(mesh.pieces == loose[0])[0])
+            raise ValueError(
+                f"anchors leave {loose.size} piece(s) of the mesh free, the one of vertex {first} "
+                "among them; anchor a vertex of each piece, or keep one piece (mesh.submesh)."
+            )
+        L = mesh.laplacian(weights)  # Eq. 11
+        pull = np.zeros(mesh.n_vertices)
+        pull[self.anchors] = self.anchor_weight**2
+        self._bent = L.T @ (L @ mesh.vertices)  # L^T delta
+        with threadpool_limits(1):
+            self._factor = splu(  # A^T A of Eq. 15
+                sp.csc_matrix(L.T @ L + sp.diags_array(pull)),
+                permc_spec="MMD_AT_PLUS_A",
+                options={"SymmetricMode": True},
+            )
+
+    def deform(self, positions):
+        """Vertices of the deformed mesh, shape (n_vertices, 3), millimetres.
+
+        Parameters
+        ----------
+        positions : ndarray of shape (n_anchors, 3)
+            Where the anchors shall go, millimetres; they come near, not all the way.
+        """
+        positions = as_finite(positions, "positions", (len(self.anchors), 3))
+        right = self._bent.copy()  # A^T b of Eq. 15
+        right[self.anchors] += self.anchor_weight**2 * positions
+        with threadpool_limits(1):
+            return self._factor.solve(right)
+
+
+def laplacian_deform(mesh, anchors, positions, anchor_weight=0.5, weights="uniform"):
+    """Deform a mesh so that its anchors come near positions and its local shape stays.
+
+    For many positions of the same anchors, keep a `LaplacianDeformer`.
+
+    Parameters
+    ----------
+    mesh, anchors, anchor_weight, weights
+        As for `LaplacianDeformer`.
+    positions : ndarray of shape (n_anchors, 3)
+        Millimetres.
+
+    Returns
+    -------
+    ndarray of shape (n_vertices, 3)
+        Millimetres.
+
+    References
+    ----------
+    Yu and Liu 2014, Eq. 11-15.
+    """
+    return LaplacianDeformer(mesh, anchors, anchor_weight, weights).deform(positions)
+
+
+# -- One surface riding on another ------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceBinding:
+    """Points that ride on the triangles of a mesh, as `bind_to_surface` makes it.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The carrying mesh at rest, millimetres.
+    faces : ndarray of int, shape (n_points,)
+        Closest triangle of each point.
+    barycentric : ndarray of shape (n_points, 3)
+        The closest point in it; not negative, rows sum to one.
+    offsets : ndarray of shape (n_points, 3)
+        From there to the point, millimetres: along the surface twice, and along its normal. The
+        first two vanish for points above a flat surface.
+    """
+
+    mesh: TriangleMesh
+    faces: np.ndarray
+    barycentric: np.ndarray
+    offsets: np.ndarray
+
+    def carry(self, vertices):
+        """Points on the moved mesh, shape (n_points, 3), millimetres.
+
+        The offsets turn with the surface and keep their length: detail is neither lost nor
+        stretched.
+
+        Parameters
+        ----------
+        vertices : ndarray of shape (n_vertices, 3)
+            Of the carrying mesh, millimetres.
+        """
+        V = as_finite(vertices, "vertices", self.mesh.vertices.shape)
+        foot, frames = _feet(V, self.mesh.faces, self.faces, self.barycentric)
+        return foot + (self.offsets[:, None] @ frames)[:, 0]
+
+
+def bind_to_surface(mesh, points):
+    """Bind a mesh (or points) to the triangles of another, by closest point and offset.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The carrying mesh at rest, millimetres.
+    points : TriangleMesh or ndarray of shape (n_points, 3)
+        Millimetres, in the same place.
+
+    Returns
+    -------
+    SurfaceBinding
+        Exact at rest, and under rigid motion.
+
+    References
+    ----------
+    Yu and Liu 2014, section V.A, name barycentric coordinates by a reference that is not at hand;
+    the offset in the frame of the interpolated normal is ours.
+    """
+    P = as_finite(getattr(points, "vertices", points), "points", ("n_points", 3))
+    face, barycentric = _closest(mesh, P)
+    foot, frames = _feet(mesh.vertices, mesh.faces, face, barycentric)
+    return SurfaceBinding(mesh, face, barycentric, (frames @ (P - foot)[..., None])[..., 0])
+
+
+def _feet(V, F, face, barycentric):
+    """Points in triangles, and right-handed frames there: two tangents and the normal as rows."""
+    corners = F[face]
+    foot = (barycentric[..., None] * V[corners]).sum(axis=1)
+    normal = (barycentric[..., None] * vertex_normals(V, F)[corners]).sum(axis=1)
+    along = V[corners[:, 1]] - V[corners[:, 0]]
+    flat = np.cross(along, V[corners[:, 2]] - V[corners[:, 0]])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = _unit(np.where(length > 1e-6, normal, flat))
+    across = _unit(np.cross(normal, along))
+    return foot, np.stack([np.cross(across, normal), across, normal], axis=1)
+
+
+def _unit(x):
+    return x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-300)
+
+
+def _closest(mesh, P, chunk=2000):
+    """Closest triangle to each point, and the barycentric coordinates of the closest point.
+
+    A triangle can only win if its surrounding ball comes nearer than the nearest vertex in use.
+    """
+    V, F = mesh.vertices, mesh.faces
+    middle = V[F].mean(axis=1)
+    radius = np.linalg.norm(V[F] - middle[:, None], axis=2).max(axis=1)
+    used = np.unique(F)
+    near = cKDTree(V[used]).query(P)[0]
+    tree = cKDTree(middle)
+    face, barycentric = np.empty(len(P), dtype=int), np.empty((len(P), 3))
+    for start in range(0, len(P), chunk):
+        Q, reach = P[start : start + chunk], near[start : start + chunk] + 1e-9
+        found = tree.query_ball_point(Q, reach + radius.max())
+        point = np.repeat(np.arange(len(Q)), [len(f) for f in found])
+        tried = np.concatenate([np.asarray(f, dtype=int) for f in found])
+        off = np.linalg.norm(Q[point] - middle[tried], axis=1)
+        keep = off <= reach[point] + radius[tried]
+        point, tried = point[keep], tried[keep]
+        b = _closest_in(Q[point], *V[F[tried]].transpose(1, 0, 2))
+        off = np.linalg.norm((b[..., None] * V[F[tried]]).sum(axis=1) - Q[point], axis=1)
+        order = np.lexsort((off, point))
+        best = order[np.searchsorted(point[order], np.arange(len(Q)))]
+        face[start : start + chunk], barycentric[start : start + chunk] = tried[best], b[best]
+    return face, barycentric
+
+
+def _closest_in(P, A, B, C):
+    """Barycentric coordinates of the point of triangle ABC closest to P, row by row."""
+    n = np.cross(B - A, C - A)
+    size = np.maximum((n**2).sum(axis=1), 1e-300)
+    inside = np.stack(
+        [(np.cross(v - u, P - u) * n).sum(axis=1) / size for u, v in ((B, C), (C, A), (A, B))],
+        axis=1,
+    )
+    best = np.where((inside >= 0).all(axis=1), 0.0, np.inf)  # squared distance within the plane
+    out = inside.copy()
+    for i, (u, v) in enumerate(((A, B), (B, C), (C, A))):
+        edge = v - u
+        long = np.maximum((edge**2).sum(axis=1), 1e-300)
+        t = (((P - u) * edge).sum(axis=1) / long).clip(0, 1)
+        off = ((u + t[:, None] * edge - P) ** 2).sum(axis=1)
+        closer = off < best
+        best = np.where(closer, off, best)
+        on_edge = np.zeros_like(out)
+        on_edge[:, i], on_edge[:, (i + 1) % 3] = 1 - t, t
+        out = np.where(closer[:, None], on_edge, out)
+    return out

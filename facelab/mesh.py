@@ -139,6 +139,12 @@ class TriangleMesh:
         return np.linalg.norm(_cross_products(self.vertices, self.faces), axis=1) / 2
 
     @cached_property
+    def vertex_areas(self):
+        """A third of the triangles around each vertex, square millimetres, shape (n_vertices,)."""
+        thirds = np.repeat(self.face_areas / 3, 3)
+        return np.bincount(self.faces.ravel(), thirds, minlength=self.n_vertices)
+
+    @cached_property
     def normals(self):
         """Unit vertex normals, area-weighted, shape (n_vertices, 3)."""
         return vertex_normals(self.vertices, self.faces)

@@ -8,9 +8,12 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
+from threadpoolctl import ThreadpoolController
 
 from facelab.errors import check_number
 from facelab.segmentation import Regions
+
+_threads = ThreadpoolController()
 
 
 def principal_components(X, n_components):
@@ -34,15 +37,14 @@ def principal_components(X, n_components):
     n_frames, n_features = X.shape
     mean = X.mean(axis=0)
     D = X - mean
-    if n_features <= n_frames:
-        last = [n_features - n_components, n_features - 1]
-        variances, components = eigh(D.T @ D, subset_by_index=last)
-    else:
-        last = [n_frames - n_components, n_frames - 1]
-        variances, weights = eigh(D @ D.T, subset_by_index=last)
-        components = D.T @ weights
-    # strongest first; the orthonormal basis is made anew, for weak columns lose it by rounding
-    components = np.linalg.qr(components[:, ::-1])[0].T
+    wide = n_features > n_frames
+    square = D @ D.T if wide else D.T @ D
+    last = [len(square) - n_components, len(square) - 1]
+    with _threads.limit(limits=1):  # eigenvectors this small lose time on several threads
+        variances, components = eigh(square, subset_by_index=last)
+        components = D.T @ components if wide else components
+        # strongest first; orthonormal anew, for weak columns lose it by rounding
+        components = np.linalg.qr(components[:, ::-1])[0].T
     signs = np.sign(components[np.arange(n_components), np.abs(components).argmax(axis=1)])
     variances = variances[::-1].clip(min=0) / max(n_frames - 1, 1)
     return mean, components * signs[:, None], variances

@@ -94,11 +94,14 @@ def _painted(V, F, colors, ahead, right, up, shade):
     paint = paint[F].mean(axis=1)
     normals = vertex_normals(V, F)[F].mean(axis=1)
     facing = normals @ ahead
+    # few colours and few degrees of light make small picture files
+    paint = np.round(paint * 64) / 64
     if shade:
         key = np.clip(normals @ (0.55 * ahead + 0.5 * up - 0.35 * right), 0, None)
-        paint = np.clip(paint * (0.36 + 0.74 * key + 0.10 * np.clip(facing, 0, 1))[:, None], 0, 1)
+        light = 0.36 + 0.74 * key + 0.10 * np.clip(facing, 0, 1)
+        paint = np.clip(paint * np.round(light * 32)[:, None] / 32, 0, 1)
     paint[facing < 0] *= 0.35  # the inside, seen through an opening
-    return (V @ ahead)[F].mean(axis=1), V[F], np.round(paint * 48) / 48  # small picture files
+    return (V @ ahead)[F].mean(axis=1), V[F], paint
 
 
 def draw_pins(ax, project, vertices, targets):

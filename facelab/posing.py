@@ -157,8 +157,9 @@ def _vertex_weights(n_vertices, mesh):
     """What each vertex counts, 397 / N on average: shape (n_vertices,)."""
     if mesh is None or n_vertices <= REFERENCE_VERTICES:
         return np.full(n_vertices, REFERENCE_VERTICES / n_vertices)
-    areas = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas, 3), n_vertices)
-    areas = np.maximum(areas, areas.mean() / 100)  # a vertex of slivers still counts a little
+    areas = np.maximum(
+        mesh.vertex_areas, mesh.vertex_areas.mean() / 100
+    )  # a vertex of slivers still counts a little
     return REFERENCE_VERTICES * areas / areas.sum()
 
 
@@ -224,6 +225,8 @@ class PosingSession:
         If the model has only the control vertices of a denser face: how that follows them. Then
         `neutral` is the dense face, and pulling one of its vertices pulls the control vertex
         nearest to it (its handle) by as much.
+    shared_pins : {"blended", "copies"}
+        What a pin on a vertex of several regions holds, see `PoseSolver`.
 
     Raises
     ------
@@ -241,9 +244,10 @@ class PosingSession:
     Tena et al. 2011, sections 3.2 and 6.
     """
 
-    def __init__(self, model, neutral, beta=0.5, gamma=0.025, binding=None):
+    def __init__(self, model, neutral, beta=0.5, gamma=0.025, binding=None, shared_pins="blended"):
         self.neutral = neutral
         self.binding = binding
+        self.shared_pins = shared_pins
         if binding is not None and binding.mesh.n_vertices != neutral.n_vertices:
             raise ValueError(
                 f"binding carries {binding.mesh.n_vertices} vertices, but neutral has "
@@ -261,7 +265,7 @@ class PosingSession:
 
     def _new_solver(self, model, beta, gamma):
         mesh = self.neutral if self.binding is None else None
-        return PoseSolver(model, beta, gamma, mesh=mesh)
+        return PoseSolver(model, beta, gamma, self.shared_pins, mesh)
 
     def _check_model(self, model):
         if not isinstance(model, RegionModel):
@@ -376,7 +380,7 @@ class PosingSession:
         start = pins[held] if held in pins else x[shown] - self.neutral.vertices[shown]
         C = self._solver.sensitivity([*(v for v in pins if v != held), held], held)
         D = self._displayed(C.T).transpose(1, 2, 0)
-        self._drag = _Drag(held, start, start.copy(), D.reshape(-1, 3), x.ravel())
+        self._drag = _Drag(held, start, start, D.reshape(-1, 3), x.ravel())
         return D
 
     def drag(self, vertex, target):
@@ -409,11 +413,22 @@ class PosingSession:
         return drag.x.reshape(-1, 3)[vertex] - drag.start
 
     def release(self):
-        """Let go: the pin stays where it was dragged to, and the drag becomes one step of undo."""
+        """Let go: the pin stays where it was dragged to, and the drag becomes one step of undo.
+
+        A press without a drag leaves no pin: `hold` sets one where a vertex is.
+        """
         if self._drag is None:
             return
         drag, self._drag = self._drag, None
+        if drag.target is drag.start:
+            return
         self._step(pins={**self.state.pins, drag.vertex: drag.target})
+
+    def hold(self, vertex):
+        """Pin a vertex where it is, so that later pulls leave it there."""
+        self.press(vertex)
+        self._drag.target = self._drag.start.copy()
+        self.release()
 
     def cancel(self):
         """Give up the drag under way; the face is as it was before."""

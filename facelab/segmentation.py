@@ -4,6 +4,7 @@ Tena et al. 2011, section 4.2: correlation of the motion, distance along the mes
 clusters of both, as many as stay compact.
 """
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -433,10 +434,18 @@ def segment_face(
         L = _normalised(A)
         best, tried = np.zeros(mesh.n_vertices, dtype=int), []
         most = min(max_regions, mesh.n_vertices)
-        for k in tqdm(range(2, most + 1), desc="regions", disable=not progress, leave=False):
-            labels = _cluster_rows(_leading(L, k), k, n_init, seed)
-            tried.append(compactness(labels, mesh))
-            if not tried[-1].compact:
-                break
-            best = labels
+        with tqdm(desc="regions tried", disable=not progress, leave=False) as bar:
+            for k in range(2, most + 1):
+                labels = _cluster_rows(_leading(L, k), k, n_init, seed)
+                tried.append(compactness(labels, mesh))
+                bar.update()
+                if not tried[-1].compact:
+                    break
+                best = labels
+            else:
+                warnings.warn(
+                    f"every k up to max_regions={most} is compact, so the motion sets no number of "
+                    f"regions: {most} are taken. Choose one with n_regions.",
+                    stacklevel=2,
+                )
     return Regions(best, mesh, sharing, tried=tuple(tried))

@@ -1,9 +1,12 @@
+import literal_yu
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 from shapes import disk_mesh, grid_mesh, sphere_mesh
 
-from facelab.deformation import bind
+from facelab.deformation import LaplacianDeformer, bind, bind_to_surface, laplacian_deform
 from facelab.mesh import TriangleMesh
 
 
@@ -121,3 +124,137 @@ def test_samples_that_are_no_control_vertices_are_refused(grid, samples, message
 def test_a_face_in_two_pieces_cannot_be_bound():
     with pytest.raises(ValueError, match="2 pieces"):
         bind(two_triangles(), [0, 3])
+
+
+# -- Laplacian deformation --
+
+
+@pytest.fixture
+def anchored(bumpy, rng):
+    anchors = rng.permutation(bumpy.n_vertices)[:9]
+    positions = bumpy.vertices[anchors] + rng.normal(scale=4, size=(9, 3))
+    return bumpy, anchors, positions
+
+
+def test_laplacian_deformation_is_that_of_the_paper(anchored):
+    mesh, anchors, positions = anchored
+    L = literal_yu.laplacian(mesh.n_vertices, mesh.faces)
+    for weight in (0.5, 3.0):
+        V = literal_yu.deform(L, mesh.vertices, anchors, positions, weight)
+        ours = laplacian_deform(mesh, anchors, positions, weight)
+        np.testing.assert_allclose(ours, V, atol=1e-8)
+    assert np.abs(laplacian_deform(mesh, anchors, positions) - mesh.vertices).max() > 1
+
+
+@pytest.mark.parametrize("weights", ["uniform", "cotangent"])
+def test_anchors_at_rest_move_nothing_and_a_shift_of_all_is_followed(anchored, weights):
+    mesh, anchors, _ = anchored
+    deformer = LaplacianDeformer(mesh, anchors, weights=weights)
+    rest = mesh.vertices[anchors]
+    np.testing.assert_allclose(deformer.deform(rest), mesh.vertices, atol=1e-8)
+    moved = deformer.deform(rest + [3, -2, 9])
+    np.testing.assert_allclose(moved, mesh.vertices + [3, -2, 9], atol=1e-8)
+
+
+@pytest.mark.parametrize("weights", ["uniform", "cotangent"])
+def test_heavier_anchors_are_followed_closer_and_bend_more(anchored, weights):
+    mesh, anchors, positions = anchored
+    L = mesh.laplacian(weights)
+    miss, bend = [], []
+    for weight in (0.1, 0.5, 2, 50):
+        V = laplacian_deform(mesh, anchors, positions, weight, weights)
+        miss.append(np.linalg.norm(V[anchors] - positions))
+        bend.append(np.linalg.norm(L @ (V - mesh.vertices)))
+    assert (np.diff(miss) < 0).all() and (np.diff(bend) > 0).all()
+    assert miss[-1] < 0.01 * miss[0]
+
+
+def test_a_factor_serves_any_number_of_pulls(anchored, rng):
+    mesh, anchors, positions = anchored
+    deformer = LaplacianDeformer(mesh, anchors)
+    for _ in range(2):
+        positions = positions + rng.normal(size=positions.shape)
+        np.testing.assert_allclose(
+            deformer.deform(positions), laplacian_deform(mesh, anchors, positions), atol=1e-10
+        )
+
+
+@pytest.mark.real
+def test_an_expression_on_few_vertices_drives_the_whole_scanned_face(real_rig):
+    face = real_rig.neutral
+    samples, _ = face.subsample(397)
+    S = real_rig.shape({"jawOpen": 0.6, "mouthSmile_L": 0.8, "browOuterUp_R": 1})
+    at_rest = np.sqrt(((S - face.vertices) ** 2).sum(axis=1).mean())
+    for weights in ("uniform", "cotangent"):
+        V = laplacian_deform(face, samples, S[samples], weights=weights)
+        assert np.sqrt(((V - S) ** 2).sum(axis=1).mean()) < 0.1 * at_rest
+
+
+def test_anchors_that_cannot_hold_the_mesh_are_refused(grid):
+    V = grid.vertices
+    with pytest.raises(ValueError, match=r"anchors holds 30.*0 to 29"):
+        laplacian_deform(grid, [30], V[:1])
+    with pytest.raises(ValueError, match="more than once"):
+        laplacian_deform(grid, [3, 3], V[:2])
+    with pytest.raises(ValueError, match=r"1 piece\(s\).*vertex 3"):
+        laplacian_deform(two_triangles(), [0], V[:1])
+    with pytest.raises(ValueError, match="anchor_weight=0"):
+        laplacian_deform(grid, [0], V[:1], anchor_weight=0)
+    with pytest.raises(ValueError, match=r"positions has shape \(2, 3\)"):
+        laplacian_deform(grid, [0], V[:2])
+    with pytest.raises(ValueError, match="weights='none'"):
+        laplacian_deform(grid, [0], V[:1], weights="none")
+
+
+# -- One surface riding on another --
+
+
+def test_bound_points_stay_at_rest_and_follow_rigid_motion_exactly(sphere, rng):
+    P = rng.normal(size=(300, 3))
+    P *= (50 + rng.normal(scale=3, size=(300, 1))) / np.linalg.norm(P, axis=1, keepdims=True)
+    binding = bind_to_surface(sphere, P)
+    np.testing.assert_allclose(binding.carry(sphere.vertices), P, atol=1e-12)
+    R = Rotation.from_rotvec([0.4, -1, 2]).as_matrix()
+    moved = binding.carry(sphere.vertices @ R.T + [1, 2, 3])
+    np.testing.assert_allclose(moved, P @ R.T + [1, 2, 3], atol=1e-10)
+
+
+def test_the_closest_triangle_is_the_closest(bumpy, rng):
+    P = bumpy.vertices[rng.integers(bumpy.n_vertices, size=200)] + rng.normal(
+        scale=8, size=(200, 3)
+    )
+    binding = bind_to_surface(bumpy, P)
+    corners = bumpy.faces[binding.faces]
+    foot = (binding.barycentric[..., None] * bumpy.vertices[corners]).sum(axis=1)
+    assert binding.barycentric.min() >= 0
+    np.testing.assert_allclose(binding.barycentric.sum(axis=1), 1, atol=1e-12)
+    ours = np.linalg.norm(foot - P, axis=1)
+    u, v = np.meshgrid(np.linspace(0, 1, 25), np.linspace(0, 1, 25))
+    u, v = u[u + v <= 1], v[u + v <= 1]
+    A, B, C = bumpy.vertices[bumpy.faces].transpose(1, 0, 2)
+    cloud = A[:, None] * (1 - u - v)[:, None] + B[:, None] * u[:, None] + C[:, None] * v[:, None]
+    tried = cKDTree(cloud.reshape(-1, 3)).query(P)[0]
+    assert (ours <= tried + 1e-9).all() and (tried - ours).max() < 1
+
+
+def test_detail_rides_on_the_surface_and_turns_with_it():
+    flat = grid_mesh(9, 9, 5.0)
+    detail = grid_mesh(15, 15, 2.5).vertices + [2.0, 2.0, 0]
+    detail[:, 2] += np.sin(detail[:, 0])
+    binding = bind_to_surface(flat, TriangleMesh(detail, grid_mesh(15, 15).faces))
+    np.testing.assert_allclose(binding.offsets[:, 2], detail[:, 2], atol=1e-12)
+    np.testing.assert_allclose(binding.offsets[:, :2], 0, atol=1e-12)
+    x, y, _ = flat.vertices.T
+    rolled = np.stack([30 * np.sin(x / 30), y, 30 * np.cos(x / 30)], axis=1)
+    moved = binding.carry(rolled)
+    height = np.hypot(moved[:, 0], moved[:, 2]) - 30
+    assert np.abs(height - detail[:, 2]).max() < 0.15  # chords of 5 mm lie 0.1 mm below the arc
+
+
+def test_points_that_are_not_points_are_refused(sphere):
+    with pytest.raises(ValueError, match=r"points has shape \(4, 2\)"):
+        bind_to_surface(sphere, np.zeros((4, 2)))
+    with pytest.raises(ValueError, match="points holds 1"):
+        bind_to_surface(sphere, [[0, 0, np.nan]])
+    with pytest.raises(ValueError, match="vertices has shape"):
+        bind_to_surface(sphere, [[0, 0, 50.0]]).carry(np.zeros((3, 3)))

@@ -10,6 +10,8 @@ from facelab.posing import PosingSession
 from facelab.widgets.errors import error_box, shows_errors
 from facelab.widgets.viewer import FaceView
 
+_STEP = 0.05  # of a slider, in powers of ten
+_JITTER = 0.6  # mm: a hand that only clicks moves this far, and sets no pin
 _HINT = "Drag a point of the face to pose it; drag beside the face to turn it; wheel to zoom."
 
 
@@ -47,6 +49,7 @@ class PosingLab:
         self.view.on_press = self._press
         self.view.on_move = self._move
         self.view.on_release = self._release
+        self._painted = session.model
         self._build_panel()
         self.widget = widgets.HBox([self.view.widget, self._panel])
         self.refresh()
@@ -62,12 +65,12 @@ class PosingLab:
         self.model_choice = widgets.ToggleButtons(
             options=list(self.models), value=name, style={"button_width": "150px"}
         )
-        slider = functools.partial(widgets.FloatLogSlider, base=10, step=0.05, **wide)
+        slider = functools.partial(_log_slider, **wide)
         self.beta = slider(
-            value=self.session.beta, min=-3, max=2, description="β agree", readout_format=".3g"
+            self.session.beta, low=-3, high=2, description="β agree", readout_format=".3g"
         )
         self.gamma = slider(
-            value=self.session.gamma, min=-4, max=1, description="γ resist", readout_format=".3g"
+            self.session.gamma, low=-4, high=1, description="γ resist", readout_format=".3g"
         )
         self.beta.tooltip = "How strongly neighbouring regions must agree where they meet"
         self.gamma.tooltip = "How strongly the face resists change"
@@ -95,7 +98,7 @@ class PosingLab:
                 self._status,
                 self._message,
             ],
-            layout={"width": "340px", "padding": "4px 0 0 14px"},
+            layout={"width": "370px", "padding": "4px 0 0 14px"},
         )
         self.model_choice.observe(self._choose_model, names="value")
         self.beta.observe(self._slide, names="value")
@@ -126,6 +129,9 @@ class PosingLab:
         self.beta.value, self.gamma.value = session.beta, session.gamma
         self.model_choice.value = next(n for n, m in self.models.items() if m is session.model)
         self._settling = False
+        self.show_regions.disabled = session.model.regions is None
+        if self._painted is not session.model:
+            self._paint()
         self._status.value = f'<span style="color:#666">{_HINT}</span>'
 
     def _pin_row(self, vertex):
@@ -134,7 +140,7 @@ class PosingLab:
             icon="times", tooltip="Remove this pin", layout={"width": "34px", "height": "26px"}
         )
         remove.on_click(lambda _: self._remove(vertex))
-        text = f"{self._name(vertex)}: {gap:.1f} mm short of its target"
+        text = f"{self._name(vertex)}: {gap:.1f} mm short"
         return widgets.HBox([remove, widgets.Label(text)])
 
     def _name(self, vertex):
@@ -157,6 +163,7 @@ class PosingLab:
 
     @shows_errors
     def _press(self, vertex):
+        self._clicking = True
         self._held = self.session.handle(vertex)
         D = self.session.press(vertex)
         self._from = self.session.pins[self._held]
@@ -167,6 +174,9 @@ class PosingLab:
 
     @shows_errors
     def _move(self, offset):
+        if self._clicking and np.linalg.norm(offset) < _JITTER:
+            return
+        self._clicking = False
         self.session.drag(self._held, self._from + offset)
         self.view.morph(offset)
 
@@ -181,18 +191,26 @@ class PosingLab:
     def _choose_model(self, change):
         if not self._settling:
             self.session.use(self.models[change["new"]])
-            self._paint()
             self.refresh()
 
     @shows_errors
     def _slide(self, _):
-        if not self._settling:
-            self.session.set(beta=self.beta.value, gamma=self.gamma.value)
+        if self._settling:
+            return
+        moved = {
+            name: getattr(self, name).value
+            for name in ("beta", "gamma")
+            # the page rounds a value to its slider's grid and sends it back: that is no edit
+            if abs(np.log10(getattr(self, name).value / getattr(self.session, name))) > _STEP / 2
+        }
+        if moved:
+            self.session.set(**moved)
             self.refresh()
 
     @shows_errors
     def _paint(self, _=None):
-        regions = getattr(self.session.model, "regions", None)
+        self._painted = self.session.model
+        regions = self.session.model.regions
         self.view.paint(self._region_colors(regions) if self.show_regions.value else None)
 
     def _region_colors(self, regions):
@@ -227,3 +245,10 @@ class PosingLab:
     def _remove(self, vertex):
         self.session.remove_pin(vertex)
         self.refresh()
+
+
+def _log_slider(value, low, high, **kwargs):
+    """A logarithmic slider whose grid holds its first value, from 10^low to about 10^high."""
+    start = np.log10(value)
+    low = start - _STEP * np.ceil((start - low) / _STEP)
+    return widgets.FloatLogSlider(value=value, base=10, min=low, max=high, step=_STEP, **kwargs)

@@ -9,8 +9,8 @@ from matplotlib.colors import to_rgb
 from scipy.spatial.transform import Rotation
 
 from facelab.mesh import normals_operator, vertex_normals_by
+from facelab.plotting import SKIN
 
-SKIN = "#e0b49a"
 _HOVER, _PIN, _TARGET = "#ffffff", (0.05, 0.05, 0.05), (1.0, 0.85, 0.0)
 _FOV = 18.0  # degrees: a long lens, so that a face looks as from across a table
 _RESERVED_PINS = 8
@@ -184,6 +184,7 @@ class FaceView:
         self._orbit = three.OrbitControls(
             controlling=self._camera, target=self._target.tolist(), enablePan=False
         )
+        self._orbit.exec_three_obj_method("update")  # else it looks at the origin until it is used
         self._nothing = three.Group()
         self._down = three.Picker(controlling=self._face, event="mousedown")
         self._moved = three.Picker(controlling=self._face, event="mousemove")
@@ -391,7 +392,10 @@ def _still(mesh, colors):
             "index": three.BufferAttribute(mesh.faces.ravel().astype(np.uint32), normalized=False),
         }
     )
-    material = three.MeshStandardMaterial(vertexColors="VertexColors", roughness=0.25)
+    wet = np.max(colors) > 0.5  # eyes shine, the dark of the mouth does not
+    material = three.MeshStandardMaterial(
+        vertexColors="VertexColors", roughness=0.25 if wet else 1.0, metalness=0.0
+    )
     return three.Mesh(geometry, material)
 
 

@@ -3,7 +3,7 @@
 import importlib
 import sys
 
-NAMES = ("drag", "generalisation", "latency")
+NAMES = ("drag", "generalisation", "latency", "registration", "regression")
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or NAMES:

@@ -1,5 +1,6 @@
 """A real JupyterLab in a real Chromium, with a way to ask the kernel what the mouse did."""
 
+import ast
 import json
 import os
 import secrets
@@ -42,11 +43,12 @@ class Lab:
             s.bind(("127.0.0.1", 0))
             self.base = f"http://127.0.0.1:{s.getsockname()[1]}"
         self.env = {**os.environ, "JUPYTER_RUNTIME_DIR": str(self.folder / "runtime")}
+        root = [] if no_delay else ["--allow-root"]  # the lab's own configuration sees to it
         config = [f"--config={ROOT / 'jupyter_server_config.py'}"] if no_delay else []
         self.log = open(self.folder / "server.log", "w")
         self.server = subprocess.Popen(
             [
-                *(sys.executable, "-m", "jupyterlab", *config, "--no-browser", "--allow-root"),
+                *(sys.executable, "-m", "jupyterlab", *config, "--no-browser", *root),
                 *(f"--port={self.base.rsplit(':', 1)[1]}", "--ServerApp.port_retries=0"),
                 *(f"--IdentityProvider.token={self.token}", f"--ServerApp.root_dir={self.folder}"),
             ],
@@ -107,7 +109,7 @@ class Lab:
         values = {}
         for name, value in content["user_expressions"].items():
             assert value["status"] == "ok", value
-            values[name] = json.loads(eval(value["data"]["text/plain"]))
+            values[name] = json.loads(ast.literal_eval(value["data"]["text/plain"]))
         return values
 
     def settle(self):
@@ -134,8 +136,12 @@ def posing_lab(tmp_path_factory):
     try:
         lab.open(ROOT / "notebooks" / "05_posing.ipynb")
         canvas = lab.page.locator(".jp-OutputArea canvas").first
-        canvas.scroll_into_view_if_needed()
-        lab.page.wait_for_timeout(1500)
+        boxes = [None, "none yet"]
+        while boxes[-4:] != [boxes[-1]] * 4:  # pictures that come late move the page
+            canvas.scroll_into_view_if_needed()
+            lab.page.wait_for_timeout(700)
+            boxes.append(canvas.bounding_box())
+            assert len(boxes) < 60, "the page does not come to rest"
         yield lab
     finally:
         lab.close()

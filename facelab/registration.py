@@ -1,0 +1,883 @@
+"""From markers, or a scan, to one mesh in full correspondence.
+
+Once for each face: a similarity and a smooth warp by landmarks, then matching to the surface from
+coarse to fine. Then whole sequences: with a fixed layout of markers the dense motion is a linear
+function of theirs, found once. Lengths are millimetres.
+
+The method of Tena et al. 2006, which the paper names, is not at hand: this is built from the
+description in Tena et al. 2011, section 4.1. The energy that trades fit against smoothness is that
+of a Gaussian field on the surface (Lindgren, Rue and Lindstroem 2011), so its settings are lengths:
+how far a deformation reaches, how large it is, how exact the markers are.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+import trimesh
+from scipy.interpolate import RBFInterpolator
+from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
+from threadpoolctl import threadpool_limits
+
+from facelab.alignment import (
+    Alignment,
+    HeadMotion,
+    check_like,
+    procrustes,
+    rigid_motion,
+    rigid_weights,
+)
+from facelab.errors import check_choice, check_number
+from facelab.mesh import TriangleMesh
+from facelab.motion import MarkerSequence, MotionSequence
+
+
+class Preset(NamedTuple):
+    """What a person chooses at once; all in millimetres."""
+
+    reach: float
+    """Distance along the surface over which a difference of identity fades."""
+    size: float
+    """How large such a difference is, per axis."""
+    stages: tuple
+    """Distance between data and surface that is let pass, from coarse to fine."""
+    motion_reach: float
+    """As `reach`, of the motion of one face."""
+    motion_size: float
+    """As `size`, of the motion."""
+    noise: float
+    """Of a marker, per axis."""
+
+
+PRESETS = {
+    "balanced": Preset(60.0, 4.0, (4.0, 2.0, 1.0, 0.5, 0.5), 60.0, 5.0, 0.3),
+    "smooth": Preset(90.0, 4.0, (4.0, 2.0, 1.0, 1.0), 90.0, 3.0, 0.6),
+    "close": Preset(45.0, 6.0, (4.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.1), 45.0, 6.0, 0.15),
+}
+"""Balanced for clean data, smooth for noisy data, close to follow the data where it is exact."""
+
+_GLUED, _SEEN = (
+    1.0,
+    2.0,
+)  # mm; how exactly markers sit on landmarks, and landmarks are found on scans
+_BLOCK = 1024  # frames worked on at a time
+_NEEDED = 6  # landmarks, for a warp in three directions that is not exact by chance
+
+
+# --- the energy -----------------------------------------------------------------------------------
+
+
+def _field(mesh, reach):
+    """C with C^T C = Q, the precision of a smooth field of variance about 1 on the surface."""
+    n = mesh.n_vertices
+    area = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3, 3), minlength=n)
+    area = np.maximum(area, 1e-6)
+    L = mesh.laplacian("cotangent", normalised=False)
+    C = sp.diags_array(area / reach**2) + L
+    return sp.csr_array(sp.diags_array(reach / np.sqrt(4 * np.pi * area)) @ C)
+
+
+def _factor(A):
+    with threadpool_limits(1):
+        return splu(sp.csc_matrix(A), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+
+
+def _rows(mesh, faces, weights):
+    """Sparse (n_points, n_vertices): points of the surface as weighted vertices."""
+    row = np.repeat(np.arange(len(faces)), 3)
+    shape = (len(faces), mesh.n_vertices)
+    return sp.csr_array((weights.ravel(), (row, mesh.faces[faces].ravel())), shape=shape)
+
+
+def closest_points(mesh, points, candidates=16):
+    """The points of a surface nearest to some points.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    points : ndarray of shape (n_points, 3)
+        Millimetres.
+    candidates : int, default=16
+        Triangles tried for each point, those with the nearest middle first; exact as long as
+        neighbouring triangles are of like size.
+
+    Returns
+    -------
+    faces : ndarray of int, shape (n_points,)
+    weights : ndarray of shape (n_points, 3)
+        Barycentric place in that triangle.
+    """
+    middle = mesh.vertices[mesh.faces].mean(axis=1)
+    _, near = cKDTree(middle).query(points, k=min(candidates, len(middle)))
+    return _closest_among(mesh, points, near.reshape(len(points), -1))
+
+
+def _closest_among(mesh, points, near):
+    corners = mesh.vertices[mesh.faces[near.ravel()]]
+    asked = np.repeat(points, near.shape[1], axis=0)
+    found = trimesh.triangles.closest_point(corners, asked)
+    far = ((found - asked) ** 2).sum(axis=1).reshape(near.shape)
+    best = far.argmin(axis=1)
+    picked = np.arange(len(points)) * near.shape[1] + best
+    weights = trimesh.triangles.points_to_barycentric(corners[picked], found[picked])
+    weights = np.clip(weights, 0, None)
+    return near[np.arange(len(points)), best], weights / weights.sum(axis=1, keepdims=True)
+
+
+def _relaxed(mesh, start, match, preset):
+    """Matching and smooth deformation in turns, from coarse to fine: vertices after each stage."""
+    C = _field(mesh.with_vertices(start), preset.reach)
+    Q = C.T @ C / preset.size**2
+    V = start
+    for slack in preset.stages:
+        B, target, w = match(mesh.with_vertices(V), slack)
+        W = sp.diags_array(w)
+        V = start + _factor(Q + B.T @ W @ B).solve(B.T @ W @ (target - B @ start))
+        yield V
+
+
+def _sliding(mesh, faces, weights, points, height):
+    """Where points of the surface should go: along the normal to the data, free to slide."""
+    B = _rows(mesh, faces, weights)
+    foot, normal = B @ mesh.vertices, B @ mesh.normals
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    gap = ((points - foot) * normal).sum(axis=1) - height
+    return B, foot, normal, gap
+
+
+# --- a neutral face -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A template fitted to a face.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The template in the shape of the face, in the template's own head frame.
+    alignment : Alignment
+        From the frame of the data to the head frame; no scale.
+    steps : dict of str to ndarray of shape (n_vertices, 3)
+        The shape after each step: "similarity", "warp", then "stage 1" and on.
+    landmarks : tuple of str
+        Those that gave the start.
+    residuals : ndarray of shape (n_points,)
+        Distance that is left at each marker, or at each matched vertex of a scan, millimetres.
+    preset : Preset
+    """
+
+    mesh: TriangleMesh
+    alignment: Alignment
+    steps: dict = field(repr=False)
+    landmarks: tuple = field(repr=False)
+    residuals: np.ndarray = field(repr=False)
+    preset: Preset = field(repr=False)
+
+    @property
+    def rms(self):
+        """Root mean squared of `residuals`, millimetres."""
+        return float(np.sqrt((self.residuals**2).mean()))
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerFit(Fit):
+    """A template fitted to the markers of a face at rest: `Fit`, and where the markers sit.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The markers that were seen at rest.
+    rest : ndarray of shape (n_markers, 3)
+        Where they are at rest, head frame, millimetres.
+    faces, weights : ndarray of shape (n_markers,), (n_markers, 3)
+        Their feet on the mesh: triangle and barycentric place.
+    offset : float
+        Height of a marker's centre over the skin, millimetres.
+    """
+
+    names: tuple = ()
+    rest: np.ndarray = field(default=None, repr=False)
+    faces: np.ndarray = field(default=None, repr=False)
+    weights: np.ndarray = field(default=None, repr=False)
+    offset: float = 1.5
+
+    @cached_property
+    def layout(self):
+        """The linear map from these markers to dense motion: MarkerLayout."""
+        return MarkerLayout(self)
+
+
+def rest_markers(takes, seconds=0.05):
+    """The markers of a face at rest, from takes that begin with it.
+
+    Parameters
+    ----------
+    takes : MarkerSequence or sequence of MarkerSequence
+        Of one actor in one session.
+    seconds : float, default=0.05
+        How long the face is at rest at the start of each.
+
+    Returns
+    -------
+    positions : ndarray of shape (n_markers, 3)
+        Median over those frames with the head's motion taken away, millimetres, in the frame of
+        the first; NaN for a marker never seen.
+    names : tuple of str
+        All markers that any take names.
+
+    Raises
+    ------
+    ValueError
+        If fewer than three markers are seen at the start of the first take.
+    """
+    takes = [takes] if isinstance(takes, MarkerSequence) else list(takes)
+    check_number(seconds, "seconds", low=0)
+    if not takes:
+        raise ValueError("takes is empty; give one sequence of markers or more.")
+    names = tuple(dict.fromkeys(name for take in takes for name in take.names))
+    column = {name: i for i, name in enumerate(names)}
+    frames = []
+    for take in takes:
+        first = take.positions[: max(1, round(seconds * take.fps))]
+        some = np.full((len(first), len(names), 3), np.nan)
+        some[:, [column[name] for name in take.names]] = first
+        frames.append(some)
+    frames = np.concatenate(frames)
+    reference = frames[np.isfinite(frames[..., 0]).sum(axis=1).argmax()]
+    for _ in range(2):
+        motion = rigid_motion(frames, reference, robust=True)
+        if not motion.valid.any():
+            raise ValueError(
+                f"the first {seconds:g} s hold no frame with three markers or more that are not "
+                "on one line; give takes that begin with the face at rest."
+            )
+        home = motion.to_head(frames)
+        seen = np.isfinite(home[..., 0]).any(axis=0)
+        reference = np.full(reference.shape, np.nan)
+        reference[seen] = np.nanmedian(home[:, seen], axis=0)
+    return reference, names
+
+
+def _warped(template, positions, named, preset, label, height=0.0):
+    """Similarity and smooth warp by landmarks: data to head frame, and both steps' vertices.
+
+    `positions` are of the data, `named` maps landmarks to their rows, `height` is that of the data
+    over the skin.
+    """
+    known = [n for n in named if n in template.landmarks]
+    if len(known) < _NEEDED:
+        raise ValueError(
+            f"{label} share {len(known)} name(s) with the landmarks of the template, but the fit "
+            f"starts from {_NEEDED} or more. Name markers as in facelab.MULTI_PIE (chin, nose_tip, "
+            f"...); known here: {', '.join(known) or 'none'}; the template has "
+            f"{', '.join(list(template.landmarks)[:8]) or 'none'}, ..."
+        )
+    marks = [template.landmarks[n] for n in known]
+    source = template.vertices[marks] + height * template.normals[marks]
+    target = positions[[named[n] for n in known]]
+    check_like(procrustes(target, source, scale=True), label)
+    rigid = procrustes(target, source)
+    target = rigid.apply(target)
+    grown = procrustes(source, target, scale=True)
+    left = np.linalg.norm(grown.apply(source) - target, axis=1)
+    usual = max(np.median(left), 3.0)
+    if (left > 6 * usual).any():
+        wrong = ", ".join(
+            f"{known[i]} ({left[i]:.0f} mm)" for i in np.flatnonzero(left > 6 * usual)
+        )
+        raise ValueError(
+            f"{label}: {wrong} lie(s) far from where the others put the landmark, the usual "
+            f"distance being {usual:.0f} mm; check the name(s) or leave them out."
+        )
+    V = grown.apply(template.vertices)
+    from_here = grown.apply(source)
+    warp = RBFInterpolator(
+        from_here, target - from_here, kernel="linear", degree=1, smoothing=preset.size
+    )
+    return rigid, tuple(known), {"similarity": V, "warp": V + warp(V)}
+
+
+def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
+    """Fit a template to the markers of a face at rest.
+
+    Parameters
+    ----------
+    template : TriangleMesh
+        With landmarks.
+    positions : array_like of shape (n_markers, 3)
+        Millimetres, any frame; NaN for a marker that was not seen: it is left out.
+    names : sequence of str
+        Of the markers; those called like a landmark give the start.
+    offset : float, default=1.5
+        Height of a marker's centre over the skin, millimetres.
+    preset : str, default="balanced"
+        One of `PRESETS`.
+
+    Returns
+    -------
+    MarkerFit
+
+    Raises
+    ------
+    ValueError
+        If six landmarks or more are not among the names, for mirrored data, other units than
+        millimetres, or a landmark far from where the others put it.
+    """
+    preset = PRESETS[check_choice(preset, "preset", tuple(PRESETS))]
+    offset = check_number(offset, "offset", low=0)
+    names = tuple(names)
+    positions = np.asarray(positions, dtype=float)
+    if positions.shape != (len(names), 3):
+        raise ValueError(
+            f"positions has shape {positions.shape}, but {len(names)} names ask for "
+            f"({len(names)}, 3)."
+        )
+    seen = np.isfinite(positions).all(axis=1)
+    names = tuple(n for n, s in zip(names, seen, strict=True) if s)
+    positions = positions[seen]
+    if len(set(names)) < len(names):
+        raise ValueError("names holds a marker twice; each needs its own name.")
+    named = {name: i for i, name in enumerate(names)}
+    rigid, known, steps = _warped(template, positions, named, preset, "the markers", offset)
+    rest = rigid.apply(positions)
+    fixed = np.array([named[name] for name in known])
+    free = np.setdiff1d(np.arange(len(names)), fixed)
+    star = [np.flatnonzero((template.faces == template.landmarks[n]).any(axis=1)) for n in known]
+    near = np.array([np.resize(faces, max(map(len, star))) for faces in star])
+
+    def feet(mesh):
+        """Nearest place on the surface; for landmarks, on the triangles round their vertex."""
+        faces, weights = closest_points(mesh, rest)
+        faces[fixed], weights[fixed] = _closest_among(mesh, rest[fixed], near)
+        return faces, weights
+
+    marks = sp.eye_array(template.n_vertices, format="csr")[
+        [template.landmarks[name] for name in known]
+    ]
+    pull = np.full(len(known), 1 / _GLUED**2)
+
+    def match(mesh, slack):
+        faces, weights = feet(mesh)
+        B, foot, normal, gap = _sliding(mesh, faces, weights, rest, offset)
+        share = np.ones(len(rest))
+        if len(free):  # far off the surface, as a ghost at rest would be
+            off = gap[free]
+            share[free] = 1 / (1 + (off / max(6 * np.median(np.abs(off)), 3.0)) ** 2) ** 2
+        target = np.vstack([foot + gap[:, None] * normal, rest[fixed] - offset * normal[fixed]])
+        return sp.vstack([B, marks]), target, np.append(share / slack**2, pull)
+
+    for i, V in enumerate(_relaxed(template, steps["warp"], match, preset)):
+        steps[f"stage {i + 1}"] = V
+    mesh = template.with_vertices(V)
+    faces, weights = feet(mesh)
+    _, foot, normal, _ = _sliding(mesh, faces, weights, rest, offset)
+    left = np.linalg.norm(foot + offset * normal - rest, axis=1)
+    return MarkerFit(mesh, rigid, steps, known, left, preset, names, rest, faces, weights, offset)
+
+
+def fit_scan(template, scan, landmarks=None, preset="balanced"):
+    """Fit a template to a dense surface.
+
+    Each vertex is drawn to the nearest place of the scan, along the normal. Not drawn are those
+    whose nearest place is on the border of the scan, whose normal is more than 60 degrees from the
+    one there, or which are much farther off than most: smoothness alone carries them.
+
+    Parameters
+    ----------
+    template : TriangleMesh
+        With landmarks.
+    scan : TriangleMesh
+        Millimetres, any frame; need not be in one piece.
+    landmarks : sequence of str, optional
+        Names to start from; all that both meshes have if left out.
+    preset : str, default="balanced"
+        One of `PRESETS`.
+
+    Returns
+    -------
+    Fit
+        `residuals` are the distances to the scan of the vertices that are drawn to it.
+
+    Raises
+    ------
+    ValueError
+        As `fit_markers`.
+    """
+    preset = PRESETS[check_choice(preset, "preset", tuple(PRESETS))]
+    chosen = tuple(scan.landmarks) if landmarks is None else tuple(landmarks)
+    unknown = [n for n in chosen if n not in scan.landmarks]
+    if unknown:
+        raise ValueError(f"landmarks names {', '.join(unknown)}, which the scan does not have.")
+    named = {n: scan.landmarks[n] for n in chosen}
+    rigid, known, steps = _warped(template, scan.vertices, named, preset, "the scan's landmarks")
+    scan = scan.with_vertices(rigid.apply(scan.vertices))
+    border = np.zeros(scan.n_vertices, dtype=bool)
+    for loop in scan.boundary_loops:
+        border[loop] = True
+    marks = [template.landmarks[n] for n in known]
+    places = scan.vertices[[named[n] for n in known]]
+    everything = sp.eye_array(template.n_vertices, format="csr")
+
+    def nearest(mesh):
+        faces, weights = closest_points(scan, mesh.vertices)
+        at = _rows(scan, faces, weights)
+        place, normal = at @ scan.vertices, at @ scan.normals
+        on_border = ((weights > 1e-9) <= border[scan.faces[faces]]).all(axis=1)
+        agree = (normal * mesh.normals).sum(axis=1) > 0.5
+        apart = np.linalg.norm(place - mesh.vertices, axis=1)
+        usual = np.median(apart[agree & ~on_border]) if (agree & ~on_border).any() else np.inf
+        return place, normal, agree & ~on_border & (apart < max(4 * usual, 5.0)), apart
+
+    def match(mesh, slack):
+        place, normal, drawn, _ = nearest(mesh)
+        gap = ((place - mesh.vertices) * normal).sum(axis=1)
+        target = np.vstack([mesh.vertices + gap[:, None] * normal, places])
+        # a vertex is one of very many: its share is that of its neighbourhood of markers
+        w = np.append(drawn * density / slack**2, np.full(len(marks), 1 / _SEEN**2))
+        return sp.vstack([everything, everything[marks]]), target, w
+
+    density = min(1.0, 2000 / template.n_vertices)
+    for i, V in enumerate(_relaxed(template, steps["warp"], match, preset)):
+        steps[f"stage {i + 1}"] = V
+    mesh = template.with_vertices(V)
+    _, _, drawn, apart = nearest(mesh)
+    return Fit(mesh, rigid, steps, known, apart[drawn], preset)
+
+
+# --- sequences ------------------------------------------------------------------------------------
+
+
+class MarkerLayout:
+    """The dense motion of a face as a linear function of its markers, found once.
+
+    Parameters
+    ----------
+    fit : MarkerFit
+
+    Attributes
+    ----------
+    carry : ndarray of shape (n_vertices, n_markers)
+        Dense displacement from the markers', any axis: the best trade of fit and smoothness.
+    smooth : ndarray of shape (n_markers, n_markers)
+        What becomes of the markers' own displacements.
+    """
+
+    def __init__(self, fit):
+        self.fit = fit
+        preset = fit.preset
+        self._B = _rows(fit.mesh, fit.faces, fit.weights)
+        self._C = _field(fit.mesh, preset.motion_reach) / preset.motion_size
+        A = self._C.T @ self._C + self._B.T @ self._B / preset.noise**2
+        self._solver = _factor(A)
+        self.carry = self._solver.solve(self._B.T.toarray() / preset.noise**2)
+        self.smooth = self._B @ self.carry
+
+    def filled(self, displacements):
+        """Displacements of all markers, those not seen put where the seen ones lead them.
+
+        The result carries over to the dense face exactly as a fit with the seen markers alone
+        would: its normal matrix lacks the rows of the hidden ones, and by Woodbury's identity
+        that is a small system, as many unknowns as are hidden, for each set of hidden markers.
+
+        Parameters
+        ----------
+        displacements : ndarray of shape (n_frames, n_markers, 3)
+            From rest, head frame, millimetres; NaN where hidden.
+
+        Returns
+        -------
+        ndarray of shape (n_frames, n_markers, 3)
+        """
+        seen = np.isfinite(displacements[..., 0])
+        full = np.where(seen[..., None], displacements, 0.0)
+        packed = np.packbits(seen, axis=1)
+        _, first, kind = np.unique(packed, axis=0, return_index=True, return_inverse=True)
+        kind = kind.ravel()
+        order = np.argsort(kind, kind="stable")
+        bounds = np.searchsorted(kind[order], np.arange(len(first) + 1))
+        for k, frame in enumerate(first):
+            hidden = np.flatnonzero(~seen[frame])
+            if hidden.size == 0:
+                continue
+            frames = order[bounds[k] : bounds[k + 1]]
+            led = np.matmul(self.smooth[hidden], full[frames])  # hidden ones are 0 in it
+            G = np.eye(hidden.size) - self.smooth[np.ix_(hidden, hidden)]
+            solved = np.linalg.solve(G, np.moveaxis(led, 1, 0).reshape(hidden.size, -1))
+            solved = solved.reshape(hidden.size, len(frames), 3)
+            full[np.ix_(frames, hidden)] = np.moveaxis(solved, 1, 0)
+        return full
+
+    def left_out(self, full):
+        """How far each marker is from where the others lead it: (n_frames, n_markers, 3), mm."""
+        own = np.maximum(1 - np.diag(self.smooth), 1e-9)
+        return (full - np.matmul(self.smooth, full)) / own[:, None]
+
+    def spread(self, n_samples=200, random_state=0):
+        """Standard deviation of the field between markers, per axis: shape (n_vertices,), mm.
+
+        Found from random fields; with 200 of them it is 5 % exact.
+        """
+        rng = np.random.default_rng(random_state)
+        n_markers, n = self._B.shape
+        force = self._C.T @ rng.normal(size=(n, n_samples))
+        force += self._B.T @ rng.normal(size=(n_markers, n_samples)) / self.fit.preset.noise
+        return np.sqrt((self._solver.solve(force) ** 2).mean(axis=1))
+
+
+class Fault(NamedTuple):
+    """Something wrong with markers in the frames first to stop - 1."""
+
+    kind: str
+    """"swap", "ghost", "stray" (away from where the others lead it) or "gap" (a long one)."""
+    first: int
+    stop: int
+    names: tuple
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """A take registered: head motion, markers made whole, and dense frames on demand.
+
+    Parameters
+    ----------
+    fit : MarkerFit
+    fps : float
+    head : HeadMotion
+        From the head frame to the capture frame.
+    displacements : ndarray of shape (n_frames, n_markers, 3)
+        Of the markers from rest, head frame, all filled, millimetres.
+    seen : ndarray of bool, shape (n_frames, n_markers)
+        Measured and believed.
+    valid : ndarray of bool, shape (n_frames,)
+    faults : tuple of Fault
+    missing : tuple of str
+        Markers of the layout that the take does not name.
+    """
+
+    fit: MarkerFit
+    fps: float
+    head: HeadMotion = field(repr=False)
+    displacements: np.ndarray = field(repr=False)
+    seen: np.ndarray = field(repr=False)
+    valid: np.ndarray = field(repr=False)
+    faults: tuple = field(repr=False)
+    missing: tuple = ()
+
+    def __repr__(self):
+        kinds = [f.kind for f in self.faults]
+        counts = ", ".join(f"{kinds.count(k)} {k}s" for k in ("swap", "ghost", "stray", "gap"))
+        return (
+            f"Registration({len(self.valid)} frames, {int((~self.valid).sum())} lost, "
+            f"{len(self.fit.names)} markers; {counts}; rms {self.rms:.2f} mm)"
+        )
+
+    @cached_property
+    def _left(self):
+        """Distance of the seen markers from the fitted surface's, NaN elsewhere: mm."""
+        left = np.empty(self.seen.shape)
+        for first in range(0, len(left), _BLOCK):
+            moved = self.displacements[first : first + _BLOCK]
+            off = moved - np.matmul(self.fit.layout.smooth, moved)
+            left[first : first + _BLOCK] = np.linalg.norm(off, axis=2)
+        left[~self.seen | ~self.valid[:, None]] = np.nan
+        return left
+
+    @property
+    def rms(self):
+        """Root mean squared distance of the markers that were seen, millimetres."""
+        return float(_rms(self._left.ravel(), 0))
+
+    @property
+    def rms_per_marker(self):
+        """The same for each marker, shape (n_markers,); NaN for one never seen."""
+        return _rms(self._left, 0)
+
+    @property
+    def rms_per_frame(self):
+        """The same for each frame, shape (n_frames,); NaN in lost frames."""
+        return _rms(self._left, 1)
+
+    @cached_property
+    def left_out_per_marker(self):
+        """Distance of each marker from where the others lead it, RMS over the take, mm."""
+        # the residual of a linear smoother foretells the one of a fit without the marker
+        own = np.maximum(1 - np.diag(self.fit.layout.smooth), 1e-9)
+        return self.rms_per_marker / own
+
+    @cached_property
+    def confidence(self):
+        """Expected error of the dense motion at each vertex, RMS, millimetres: (n_vertices,).
+
+        The spread of the field between markers, scaled by how well, nearby and in this take,
+        markers were foretold by the others. It does not know of errors in the neutral fit.
+        """
+        layout, noise = self.fit.layout, self.fit.preset.noise
+        expected = noise * np.sqrt(3 / np.maximum(1 - np.diag(layout.smooth), 1e-9))
+        ratio = self.left_out_per_marker / expected
+        known = np.isfinite(ratio)
+        near = np.abs(layout.carry[:, known])
+        near = near / np.maximum(near.sum(axis=1, keepdims=True), 1e-12)
+        return np.sqrt(3) * layout.spread() * np.sqrt(near @ ratio[known] ** 2)
+
+    def positions(self, frames=None, vertices=None, block=256):
+        """Dense positions of some frames, head frame: float32, shape (n_frames, n, 3), mm.
+
+        Parameters
+        ----------
+        frames : slice or array_like of int, optional
+            All if left out.
+        vertices : array_like of int, optional
+            Vertices of the mesh; all if left out.
+        block : int, default=256
+            Frames worked on at a time.
+        """
+        frames = slice(None) if frames is None else frames
+        vertices = slice(None) if vertices is None else np.asarray(vertices)
+        moved = self.displacements[frames]
+        carry = self.fit.layout.carry[vertices].T.astype(np.float32)
+        rest = self.fit.mesh.vertices[vertices].astype(np.float32)
+        out = np.empty((len(moved), len(rest), 3), dtype=np.float32)
+        for first in range(0, len(moved), block):
+            part = np.ascontiguousarray(np.swapaxes(moved[first : first + block], 1, 2))
+            part = part.astype(np.float32).reshape(-1, part.shape[2]) @ carry
+            np.add(
+                part.reshape(-1, 3, len(rest)).transpose(0, 2, 1), rest, out[first : first + block]
+            )
+        out[~self.valid[frames]] = np.nan
+        return out
+
+    def motion(self, vertices=None, mesh=None):
+        """The whole take on some vertices: MotionSequence.
+
+        Parameters
+        ----------
+        vertices : array_like of int, optional
+            For instance those of `fit.mesh.subsample(397)`; all if left out.
+        mesh : TriangleMesh, optional
+            The triangles of those vertices, as `subsample` gives them.
+        """
+        if (vertices is None) != (mesh is None):
+            raise ValueError("give vertices together with their mesh, as subsample returns them.")
+        if mesh is None:
+            neutral = self.fit.mesh
+        else:
+            neutral = mesh.with_vertices(self.fit.mesh.vertices[np.asarray(vertices)])
+        return MotionSequence(self.positions(None, vertices), self.fps, neutral, self.valid)
+
+
+def _rms(values, axis):
+    square = np.nan_to_num(values) ** 2
+    count = np.isfinite(values).sum(axis=axis)
+    return np.sqrt(np.where(count, square.sum(axis=axis) / np.maximum(count, 1), np.nan))
+
+
+def _runs(mask):
+    """First and stop frame of each run of True, marker by marker: (marker, first, stop)."""
+    edge = np.zeros((1, mask.shape[1]), dtype=int)
+    step = np.diff(np.concatenate([edge, mask.astype(int), edge]), axis=0)
+    marker, first = np.nonzero(step.T == 1)
+    stop = np.nonzero(step.T == -1)[1]
+    return list(zip(marker.tolist(), first.tolist(), stop.tolist(), strict=True))
+
+
+def _find_swaps(layout, moved):
+    """Pairs whose direction is reversed and that fit better exchanged: mask per pair, repaired.
+
+    Neighbours on the skin come closer and turn, but do not change sides. Works on `moved` in
+    place; gives a dict from pair to the frames in which it was exchanged.
+    """
+    rest = layout.fit.rest
+    pairs = cKDTree(rest).query_pairs(25.0, output_type="ndarray")
+    if len(pairs) == 0:
+        return {}
+    apart = rest[pairs[:, 0]] - rest[pairs[:, 1]]
+    size = (apart**2).sum(axis=1)
+    along = np.zeros((len(moved), len(pairs)))
+    for axis in range(3):
+        change = moved[..., axis]
+        along += (change[:, pairs[:, 0]] - change[:, pairs[:, 1]]) * apart[:, axis]
+    reversed_ = along < -1.3 * size  # never where one of them is NaN
+    found = {}
+    for frame in np.flatnonzero(reversed_.any(axis=1)):
+        waiting = []
+        for i, j in pairs[reversed_[frame]].tolist():
+            without = moved[frame : frame + 1].copy()
+            without[:, [i, j]] = np.nan
+            led = layout.filled(without)[0, [i, j]] + rest[[i, j]]
+            here = moved[frame, [i, j]] + rest[[i, j]]
+            as_is, exchanged = ((here - led) ** 2).sum(), ((here[::-1] - led) ** 2).sum()
+            if exchanged < 0.25 * as_is:
+                waiting.append((exchanged / as_is, i, j))
+        busy = set()
+        for _, i, j in sorted(waiting):
+            if not busy & {i, j}:
+                busy |= {i, j}
+                moved[frame, [i, j]] = (moved[frame, [i, j]] + rest[[i, j]])[::-1] - rest[[i, j]]
+                found.setdefault((i, j), []).append(frame)
+    return found
+
+
+def _find_strays(layout, moved, limit, rounds=4):
+    """Markers farther than `limit` from where the others lead them: mask; `moved` gets NaN.
+
+    The worst of a neighbourhood goes first: it spoils what its neighbours are judged by.
+    """
+    near = [np.array(n) for n in cKDTree(layout.fit.rest).query_ball_point(layout.fit.rest, 30.0)]
+    stray = np.zeros(moved.shape[:2], dtype=bool)
+    frames = np.arange(len(moved))
+    for _ in range(rounds):
+        off = np.linalg.norm(layout.left_out(layout.filled(moved[frames])), axis=2)
+        off[~np.isfinite(moved[frames][..., 0])] = 0
+        bad = off > limit
+        for f, m in np.argwhere(bad):
+            bad[f, m] = off[f, m] >= off[f, near[m]].max()
+        stray[frames] |= bad
+        moved[stray] = np.nan
+        frames = frames[bad.any(axis=1)]
+        if not frames.size:
+            break
+    return stray
+
+
+def _bridge(layout, full, seen, longest):
+    """Short gaps: what the others say plus the marker's own way of differing, led across."""
+    own = np.maximum(1 - np.diag(layout.smooth), 1e-9)
+
+    def apart(frame, marker):
+        return (full[frame, marker] - layout.smooth[marker] @ full[frame]) / own[marker]
+
+    gaps = [g for g in _runs(~seen) if g[2] - g[1] <= longest and g[1] > 0 and g[2] < len(seen)]
+    ends = [(apart(first - 1, m), apart(stop, m)) for m, first, stop in gaps]
+    for (marker, first, stop), (before, after) in zip(gaps, ends, strict=True):
+        t = (np.arange(first, stop) - first + 1)[:, None] / (stop - first + 1)
+        full[first:stop, marker] += (1 - t) * before + t * after
+
+
+def _block(layout, positions, weights, head, limit):
+    """Some frames registered: head motion, filled displacements, seen, swaps, strays."""
+    rest = layout.fit.rest
+    motion = rigid_motion(positions, rest, weights, robust=True)
+    moved = motion.to_head(positions) - rest
+    swaps = _find_swaps(layout, moved)
+    stray = _find_strays(layout, moved, limit)
+    # back to the capture, put right, and the head once more
+    positions = motion.to_capture(moved + rest)
+    if head == "rigid":
+        motion = rigid_motion(positions, rest, weights, robust=True)
+    else:
+        motion = rigid_motion(positions, rest)
+    moved = motion.to_head(positions) - rest
+    return motion, layout.filled(moved), np.isfinite(moved[..., 0]), swaps, stray
+
+
+def _check_take(fit, positions):
+    """Refuse a take that is mirrored, in other units, of another layout, or without a frame."""
+    best = positions[np.isfinite(positions[..., 0]).sum(axis=1).argmax()]
+    if not rigid_motion(1e6 * best[None], fit.rest).valid[0]:  # whatever the unit
+        raise ValueError(
+            f"none of the {len(positions)} frames has three markers that are not on one line; "
+            "check that the take shows this layout."
+        )
+    likeness = procrustes(best, fit.rest, scale=True)
+    spread = np.sqrt(fit.rest.var(axis=0).sum())
+    if likeness.rms > 0.3 * spread and not likeness.mirrored:
+        raise ValueError(
+            f"the markers of the take lie {likeness.rms:.0f} mm from their places at rest, so they "
+            "are named by another layout; fit the neutral of the same actor and session."
+        )
+    check_like(likeness, "the take")
+
+
+def register_sequence(fit, markers, head="rigid", bridge=0.1, limit=8.0):
+    """Carry a take of markers to the dense face.
+
+    Parameters
+    ----------
+    fit : MarkerFit
+        Of the same actor and session.
+    markers : MarkerSequence
+        Millimetres, capture frame. Markers that the layout does not have are taken for ghosts.
+    head : {"rigid", "whole"}
+        Head motion from the parts of the face that move least, robustly, or by ordinary
+        Procrustes on the whole face, as the paper has it.
+    bridge : float, default=0.1
+        Gaps up to this long keep what set the marker apart from its neighbours before and after,
+        seconds; longer ones are reported. 0 solves every frame by its own markers alone.
+    limit : float, default=8.0
+        A marker farther from where the others lead it is a stray and not believed, millimetres.
+
+    Returns
+    -------
+    Registration
+        Exchanged markers are put back, ghosts and strays left out; `faults` lists all of them.
+        A frame with fewer than three markers, or with markers on one line, is not valid.
+
+    Raises
+    ------
+    ValueError
+        If the take has fewer than three markers of the layout or no frame that shows them, is
+        mirrored, not in millimetres, or named by another layout.
+    """
+    check_choice(head, "head", ("rigid", "whole"))
+    bridge = check_number(bridge, "bridge", low=0)
+    limit = check_number(limit, "limit", above=0)
+    column = {name: i for i, name in enumerate(markers.names)}
+    missing = tuple(n for n in fit.names if n not in column)
+    if len(fit.names) - len(missing) < 3:
+        raise ValueError(
+            f"the take has {len(fit.names) - len(missing)} of the {len(fit.names)} markers of the "
+            f"layout, but 3 or more are needed; missing: {', '.join(missing[:6])}, ..."
+        )
+    positions = np.full((markers.n_frames, len(fit.names), 3), np.nan)
+    for i, name in enumerate(fit.names):
+        if name in column:
+            positions[:, i] = markers.positions[:, column[name]]
+    _check_take(fit, positions)
+    count = min(len(positions), 200)
+    some = positions[np.linspace(0, len(positions) - 1, count).astype(int)]
+    weights = rigid_weights(some, fit.rest)
+    layout = fit.layout
+    full = np.empty(positions.shape)
+    parts, swaps = [], {}
+    for first in range(0, len(positions), _BLOCK):
+        part = slice(first, first + _BLOCK)
+        moved, full[part], seen, exchanged, stray = _block(
+            layout, positions[part], weights, head, limit
+        )
+        for pair, frames in exchanged.items():
+            swaps.setdefault(pair, []).extend(first + f for f in frames)
+        parts.append((moved.rotation, moved.translation, moved.rms, moved.valid, seen, stray))
+    rotation, shift, rms, valid, seen, stray = map(np.concatenate, zip(*parts, strict=True))
+    motion = HeadMotion(rotation, shift, rms, valid, weights)
+    faults = _as_faults(fit.names, swaps, stray, len(positions))
+    longest = round(bridge * markers.fps)
+    if longest:
+        _bridge(layout, full, seen, longest)
+    hidden = np.isnan(positions[..., 0]) & valid[:, None]
+    for marker, first, stop in _runs(hidden):
+        if stop - first > longest:
+            faults.append(Fault("gap", first, stop, (fit.names[marker],)))
+    known = set(fit.names)
+    extra = [i for i, name in enumerate(markers.names) if name not in known]
+    if extra:
+        for i, first, stop in _runs(markers.visible[:, extra]):
+            faults.append(Fault("ghost", first, stop, (markers.names[extra[i]],)))
+    faults = tuple(sorted(faults, key=lambda f: (f.first, f.kind, f.names)))
+    full[~valid] = 0.0
+    return Registration(fit, markers.fps, motion, full, seen, valid, faults, missing)
+
+
+def _as_faults(names, swaps, stray, n_frames):
+    faults = []
+    for pair, frames in swaps.items():
+        mask = np.zeros((n_frames, 1), dtype=bool)
+        mask[frames] = True
+        both = tuple(names[i] for i in pair)
+        faults += [Fault("swap", first, stop, both) for _, first, stop in _runs(mask)]
+    for marker, first, stop in _runs(stray):
+        faults.append(Fault("stray", first, stop, (names[marker],)))
+    return faults
