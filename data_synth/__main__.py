@@ -1,7 +1,9 @@
 """Make the captures of the actors: `python -m data_synth --out DIR`."""
 
 import argparse
+import resource
 import sys
+import time
 
 from data_synth.capture import SIZES, open_capture
 from data_synth.performance import ACTORS
@@ -31,10 +33,15 @@ def main(arguments=None):
         root = cache_dir()
     try:
         for actor in chosen.actors:
+            start = time.perf_counter()
             capture = open_capture(
                 actor, root, chosen.size, chosen.random_state, progress=not chosen.quiet
             )
-            print(f"{capture} in {capture.folder}")
+            size = sum(file.stat().st_size for file in capture.folder.rglob("*") if file.is_file())
+            print(
+                f"{capture} in {capture.folder}: {time.perf_counter() - start:.0f} s, "
+                f"{size / 1e6:.0f} MB, peak memory {_peak_memory():.1f} GB"
+            )
     except KeyboardInterrupt:
         print("Interrupted: finished actors are kept, nothing half-made is.", file=sys.stderr)
         return 130
@@ -42,6 +49,12 @@ def main(arguments=None):
         print(f"Could not write to {root}: {error}", file=sys.stderr)
         return 1
     return 0
+
+
+def _peak_memory():
+    """The most memory this process has used so far, GB."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1e9 if sys.platform == "darwin" else 1e6)  # bytes there, kB elsewhere
 
 
 if __name__ == "__main__":

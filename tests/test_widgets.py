@@ -168,3 +168,13 @@ def test_the_lab_refuses_what_is_no_session_and_models_without_the_session_s_own
         PosingLab("session")
     with pytest.raises(ValueError, match="own model"):
         PosingLab(lab.session, {"other": lab.models["holistic"]})
+
+
+@pytest.mark.parametrize(("beta", "gamma"), [(0, 0.025), (1000, 100), (0.5, 1e-9)])
+def test_values_beyond_the_sliders_are_shown_at_their_ends_and_kept(lab, beta, gamma):
+    session = PosingSession(lab.session.model, lab.session.neutral, beta=beta, gamma=gamma)
+    other = PosingLab(session)
+    other.refresh()
+    other._slide(None)
+    assert (session.beta, session.gamma, session.can_undo) == (beta, gamma, False)
+    assert np.isfinite([other.beta.value, other.gamma.value]).all()

@@ -104,10 +104,8 @@ class PosingLab:
         self.beta.observe(self._slide, names="value")
         self.gamma.observe(self._slide, names="value")
         self.show_regions.observe(self._paint, names="value")
-        self.undo.on_click(self._undo)
-        self.redo.on_click(self._redo)
-        self.keep.on_click(self._keep)
-        self.reset.on_click(self._reset)
+        for button in (self.undo, self.redo, self.keep, self.reset):
+            button.on_click(self._press_button)
 
     def _fail(self, error):
         """Show an error, give up the drag it happened in, and keep the last good pose."""
@@ -126,7 +124,8 @@ class PosingLab:
         self.undo.disabled = not session.can_undo
         self.redo.disabled = not session.can_redo
         self._settling = True
-        self.beta.value, self.gamma.value = session.beta, session.gamma
+        for slider, value in ((self.beta, session.beta), (self.gamma, session.gamma)):
+            slider.value = _within(slider, value)
         self.model_choice.value = next(n for n, m in self.models.items() if m is session.model)
         self._settling = False
         self.show_regions.disabled = session.model.regions is None
@@ -197,12 +196,12 @@ class PosingLab:
     def _slide(self, _):
         if self._settling:
             return
-        moved = {
-            name: getattr(self, name).value
-            for name in ("beta", "gamma")
+        moved = {}
+        for name, slider in (("beta", self.beta), ("gamma", self.gamma)):
             # the page rounds a value to its slider's grid and sends it back: that is no edit
-            if abs(np.log10(getattr(self, name).value / getattr(self.session, name))) > _STEP / 2
-        }
+            shown = _within(slider, getattr(self.session, name))
+            if abs(np.log10(slider.value / shown)) > _STEP / 2:
+                moved[name] = slider.value
         if moved:
             self.session.set(**moved)
             self.refresh()
@@ -222,23 +221,13 @@ class PosingLab:
         return region_colors(regions)[labels]
 
     @shows_errors
-    def _undo(self, _):
-        self.session.undo()
-        self.refresh()
-
-    @shows_errors
-    def _redo(self, _):
-        self.session.redo()
-        self.refresh()
-
-    @shows_errors
-    def _keep(self, _):
-        self.session.keep()
-        self.refresh()
-
-    @shows_errors
-    def _reset(self, _):
-        self.session.reset()
+    def _press_button(self, button):
+        {
+            self.undo: self.session.undo,
+            self.redo: self.session.redo,
+            self.keep: self.session.keep,
+            self.reset: self.session.reset,
+        }[button]()
         self.refresh()
 
     @shows_errors
@@ -249,6 +238,12 @@ class PosingLab:
 
 def _log_slider(value, low, high, **kwargs):
     """A logarithmic slider whose grid holds its first value, from 10^low to about 10^high."""
+    value = float(np.clip(value, 10.0**low, 10.0**high))
     start = np.log10(value)
     low = start - _STEP * np.ceil((start - low) / _STEP)
     return widgets.FloatLogSlider(value=value, base=10, min=low, max=high, step=_STEP, **kwargs)
+
+
+def _within(slider, value):
+    """The value, or the end of the slider that is nearest to it, as for a beta of zero."""
+    return float(np.clip(value, slider.base**slider.min, slider.base**slider.max))
