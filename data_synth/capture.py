@@ -21,6 +21,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
+from threadpoolctl import ThreadpoolController
 from tqdm.auto import tqdm
 
 from data_synth.performance import (
@@ -38,6 +39,8 @@ from facelab.errors import check_choice
 from facelab.io import load_npz, save_npz
 from facelab.mesh import TriangleMesh
 from facelab.motion import MarkerSequence, WeightSequence
+
+_threads = ThreadpoolController()
 
 VERSION = 1
 """Layout of a capture folder."""
@@ -179,6 +182,7 @@ def _free_skin(mesh, points, normals):
     return free
 
 
+@_threads.wrap(limits=1)  # as in template.py: choices between equals hang on the last digit
 def place_markers(mesh, spacing=11.5, random_state=0):
     """Markers about `spacing` apart, those on landmarks first.
 

@@ -20,8 +20,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator, RectBivariateSpline
 from scipy.linalg import lu_factor, lu_solve
 from scipy.spatial import Delaunay, cKDTree
+from threadpoolctl import ThreadpoolController
 
 from data_synth.anatomy import Anatomy
+
+# one thread: the last digit of a sum depends on their number, and the mesh on the last digit
+_threads = ThreadpoolController()
 
 # ======================================================================================
 # 1. Anatomy -> named points in space, and their places in the layout
@@ -1033,6 +1037,7 @@ class _Layout:
 
 
 @lru_cache(maxsize=8)
+@_threads.wrap(limits=1)
 def _layout_mesh(n_vertices):
     """Even triangles over the left half for about n_vertices in all; see the module text."""
     rng = np.random.default_rng(0)
@@ -1465,6 +1470,7 @@ def _topology(n_vertices):
     return faces, landmarks, _regions(layout, right_of), mirror, _curves(layout, right_of)
 
 
+@_threads.wrap(limits=1)
 def build_template(anatomy=None, n_vertices=8820):
     """Build the face of one anatomy.
 

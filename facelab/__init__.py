@@ -18,6 +18,7 @@ d_i, w_i       deltas, weights       action-unit displacements (mm), weights  Yu
 ============== ===================== ======================================== ================
 """
 
+from facelab.alignment import procrustes
 from facelab.blendshapes import BlendshapeRig
 from facelab.c3d import read_c3d, write_c3d
 from facelab.datasets import (
@@ -27,6 +28,7 @@ from facelab.datasets import (
     load_ict_facekit,
     load_ict_props,
     load_take,
+    load_template,
 )
 from facelab.deformation import LinearBinding, bind
 from facelab.evaluation import rms_error
@@ -35,7 +37,10 @@ from facelab.mesh import MULTI_PIE, TriangleMesh
 from facelab.models import HolisticModel, RegionModel
 from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
 from facelab.posing import PoseSolver, PosingSession
+from facelab.registered import RegisteredActor, load_registered
+from facelab.registration import fit_markers, fit_scan, rest_markers
 from facelab.segmentation import Regions, segment_face
+from facelab.sequences import Registration, register_sequence
 
 __all__ = [
     "MULTI_PIE",
@@ -49,18 +54,27 @@ __all__ = [
     "PosingSession",
     "RegionModel",
     "Regions",
+    "RegisteredActor",
+    "Registration",
     "TriangleMesh",
     "WeightSequence",
     "bind",
+    "fit_markers",
+    "fit_scan",
     "load_capture",
     "load_example",
     "load_ict_facekit",
     "load_ict_props",
+    "load_registered",
     "load_take",
+    "load_template",
+    "procrustes",
     "read_c3d",
     "read_live_link_csv",
     "read_mesh",
     "read_obj",
+    "register_sequence",
+    "rest_markers",
     "rms_error",
     "segment_face",
     "write_c3d",

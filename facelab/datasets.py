@@ -292,6 +292,27 @@ def load_capture(actor, size="default", random_state=0, root=None, progress=True
     return open_capture(actor, root or cache_dir(), size, random_state, progress)
 
 
+def load_template(n_vertices=8820):
+    """The face that is fitted to all others: the average of the synthetic ones, with landmarks.
+
+    Parameters
+    ----------
+    n_vertices : int, default=8820
+        8,820 as in Tena et al., or 4,375 as in Yu and Liu.
+
+    Returns
+    -------
+    TriangleMesh
+        Millimetres, head frame.
+    """
+    from data_synth.template import build_template
+
+    face = build_template(n_vertices=n_vertices)
+    return TriangleMesh(
+        face.vertices, face.faces, dict(zip(MULTI_PIE, face.landmarks.tolist(), strict=True))
+    )
+
+
 @dataclass(frozen=True)
 class Example:
     """A face with motion to learn from and motion to be tested on.

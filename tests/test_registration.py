@@ -11,14 +11,13 @@ from facelab.alignment import procrustes
 from facelab.mesh import MULTI_PIE, TriangleMesh
 from facelab.motion import MarkerSequence
 from facelab.registration import (
-    Fault,
     MarkerLayout,
     closest_points,
     fit_markers,
     fit_scan,
-    register_sequence,
     rest_markers,
 )
+from facelab.sequences import Fault, register_sequence
 
 ACTORS = ("M1", "F1", "M2", "F2")
 N = 3000  # vertices of the small captures, so that template and truth correspond one to one
@@ -47,9 +46,7 @@ def at_rest(captures):
     """Names and places of the real markers of each actor at rest."""
     found = {}
     for actor, capture in captures.items():
-        positions, names = rest_markers([capture.markers(take) for take in capture.texts])
-        real = [i for i, name in enumerate(names) if not name.startswith("ghost")]
-        found[actor] = positions[real], [names[i] for i in real]
+        found[actor] = rest_markers([capture.markers(take) for take in capture.texts])
     return found
 
 
@@ -473,5 +470,9 @@ def test_wrong_options_of_a_sequence_are_refused(fit, take, wrong):
 def test_takes_without_a_start_are_refused(take):
     with pytest.raises(ValueError, match="takes is empty"):
         rest_markers([])
-    with pytest.raises(ValueError, match="hold no frame"):
+    with pytest.raises(ValueError, match=r"takes hold 0 marker\(s\)"):
         rest_markers(with_positions(take, np.full_like(take.positions, np.nan)))
+    late = take.positions.copy()
+    late[:20] = np.nan
+    with pytest.raises(ValueError, match="hold no frame"):
+        rest_markers(with_positions(take, late))

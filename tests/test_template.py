@@ -11,10 +11,11 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from threadpoolctl import threadpool_limits
 
 from data_synth.anatomy import Anatomy
 from data_synth.identity import ACTORS, random_identity
-from data_synth.template import build_template
+from data_synth.template import _layout_mesh, build_template
 
 DENSE, SPARSE = 8820, 4375
 
@@ -420,3 +421,13 @@ def test_every_measurement_does_something():
         face = build_template(replace(Anatomy(), **{field.name: field.default + step}), SPARSE)
         moved = np.abs(face.vertices - average.vertices).max()
         assert moved > 0.02 or field.name == "eyeball_radius", field.name
+
+
+def test_the_mesh_does_not_depend_on_the_number_of_threads():
+    made = []
+    for threads in (1, 2):
+        _layout_mesh.cache_clear()
+        with threadpool_limits(threads):
+            made.append(build_template(n_vertices=3000))
+    np.testing.assert_array_equal(made[0].vertices, made[1].vertices)
+    np.testing.assert_array_equal(made[0].faces, made[1].faces)
