@@ -290,3 +290,31 @@ class MarkerSequence(_Sequence):
             )
         columns = [self.names.index(name) for name in names]
         return replace(self, positions=self.positions[:, columns], names=names)
+
+    def with_gaps(self, share, seconds=0.12, random_state=None):
+        """The same markers with more of them occluded, in bursts.
+
+        Parameters
+        ----------
+        share : float
+            Of all markers in all frames that is to be missing in the end, 0 to 0.95; those that are
+            missing already count. Nothing changes where more are missing than that.
+        seconds : float, default=0.12
+            How long each is hidden.
+        random_state : int or Generator, optional
+
+        Returns
+        -------
+        MarkerSequence
+        """
+        share = check_number(share, "share", low=0, high=0.95)
+        length = max(1, round(check_number(seconds, "seconds", above=0) * self.fps))
+        rng = np.random.default_rng(random_state)
+        hidden = ~self.visible
+        wanted = share * hidden.size
+        while (lacking := wanted - hidden.sum()) > 0:
+            for _ in range(int(np.ceil(lacking / length))):
+                first = rng.integers(1 - length, self.n_frames)
+                marker = rng.integers(self.n_markers)
+                hidden[max(first, 0) : first + length, marker] = True
+        return replace(self, positions=np.where(hidden[..., None], np.nan, self.positions))

@@ -8,6 +8,7 @@ from matplotlib.ticker import NullLocator
 
 from facelab.errors import as_finite
 from facelab.mesh import vertex_normals
+from facelab.segmentation import renumbered
 
 SKIN = "#e0b49a"
 _REGION_COLORS = (  # after Paul Tol's schemes for colour-blind readers, light enough to shade
@@ -18,20 +19,33 @@ _REGION_COLORS = (  # after Paul Tol's schemes for colour-blind readers, light e
 _VIEWS = {"front": (0.0, 0.0), "left": (40.0, 0.0), "right": (-40.0, 0.0), "profile": (88.0, 0.0)}
 
 
-def region_colors(regions):
-    """A light colour for each region, neighbours unlike: shape (n_regions, 3), 0 to 1."""
-    palette = np.array([to_rgb(c) for c in _REGION_COLORS])
+def region_colors(regions, like=None):
+    """A light colour for each region, neighbours unlike: shape (n_regions, 3), 0 to 1.
+
+    Parameters
+    ----------
+    regions : Regions
+    like : (Regions, ndarray of shape (n_regions, 3)), optional
+        Another cut of the same mesh and its colours: what overlaps most looks the same.
+    """
+    palette = 0.65 * np.array([to_rgb(c) for c in _REGION_COLORS]) + 0.35
     a, b = regions.labels[regions.mesh.edges].T
     touch = np.zeros((regions.n_regions,) * 2, dtype=bool)
     touch[a, b] = touch[b, a] = True
-    chosen = []
-    for i in range(regions.n_regions):  # each takes the colour farthest from its neighbours'
-        near = [palette[chosen[j]] for j in range(i) if touch[i, j]]
-        used = np.bincount(chosen, minlength=len(palette))
-        apart = [min([np.linalg.norm(c - n) for n in near], default=1) for c in palette]
+    chosen = np.full(regions.n_regions, -1)
+    if like is not None:
+        before, colors = like
+        same = renumbered(regions.labels, before.labels)
+        kept = same < before.n_regions
+        gap = np.linalg.norm(np.asarray(colors)[:, None] - palette, axis=2)
+        chosen[regions.labels[kept]] = gap.argmin(axis=1)[same[kept]]
+    for i in np.flatnonzero(chosen < 0):  # each takes the colour farthest from its neighbours'
+        near = palette[chosen[touch[i] & (chosen >= 0)]]
+        used = np.bincount(chosen[chosen >= 0], minlength=len(palette))
+        apart = [min([np.linalg.norm(c - n) / 0.65 for n in near], default=1) for c in palette]
         score = np.array(apart) - 0.6 * used - 0.01 * np.arange(len(palette))
-        chosen.append(int(score.argmax()))
-    return 0.65 * palette[chosen] + 0.35
+        chosen[i] = score.argmax()
+    return palette[chosen]
 
 
 def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=(), shade=True):
@@ -102,6 +116,17 @@ def _painted(V, F, colors, ahead, right, up, shade):
         paint = np.clip(paint * np.round(light * 32)[:, None] / 32, 0, 1)
     paint[facing < 0] *= 0.35  # the inside, seen through an opening
     return (V @ ahead)[F].mean(axis=1), V[F], paint
+
+
+def heat_colors(values, limit, cmap="YlGnBu"):
+    """Colours of values from 0 (pale) to `limit` (dark), ten steps: shape (n, 3), 0 to 1."""
+    return plt.get_cmap(cmap, 10)(np.clip(np.asarray(values) / limit, 0, 1))[:, :3]
+
+
+def heat_bar(figure, axes, limit, label, cmap="YlGnBu", **options):
+    """The key to `heat_colors`, beside some axes."""
+    scale = plt.cm.ScalarMappable(plt.Normalize(0, limit), plt.get_cmap(cmap, 10))
+    return figure.colorbar(scale, ax=axes, label=label, extend="max", **options)
 
 
 def draw_pins(ax, project, vertices, targets):

@@ -247,3 +247,24 @@ def test_unknown_markers_are_refused_by_name():
 )
 def test_a_sequence_says_what_it_is(take, words):
     assert words in repr(take)
+
+
+def test_gaps_reach_the_share_asked_for_in_bursts(rng):
+    markers = MarkerSequence(rng.normal(size=(400, 50, 3)), [f"m{i}" for i in range(50)], 60)
+    gappy = markers.with_gaps(0.3, seconds=0.2, random_state=1)
+    hidden = ~gappy.visible
+    assert 0.3 <= hidden.mean() < 0.32
+    edges = np.diff(hidden.astype(int), axis=0)
+    starts, stops = (edges == 1).sum(), (edges == -1).sum()
+    assert hidden.sum() / max(starts, stops) >= 12  # frames of a burst
+    np.testing.assert_array_equal(gappy.positions[~hidden], markers.positions[~hidden])
+    again = markers.with_gaps(0.3, seconds=0.2, random_state=1)
+    np.testing.assert_array_equal(again.positions, gappy.positions)
+    assert gappy.with_gaps(0.1, random_state=0).visible.sum() == gappy.visible.sum()
+
+
+@pytest.mark.parametrize("wrong", [{"share": 1.0}, {"share": -0.1}, {"share": 0.1, "seconds": 0}])
+def test_gaps_that_cannot_be_made_are_refused(wrong):
+    markers = MarkerSequence(np.zeros((4, 2, 3)), ("a", "b"), 60)
+    with pytest.raises(ValueError, match=list(wrong)[-1]):
+        markers.with_gaps(**wrong)

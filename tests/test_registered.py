@@ -76,7 +76,7 @@ def test_a_model_of_one_actor_is_as_wide_as_the_motion_of_another(actor):
 
 @pytest.mark.parametrize("takes", ["trian", ["rage_1", "rage_9"], [], "rom"])
 def test_takes_that_are_not_there_are_named(actor, takes):
-    with pytest.raises(ValueError, match="takes names .* but F1 has the kinds train, test"):
+    with pytest.raises(ValueError, match=r"takes names .* but F1 has the kinds train, test"):
         actor.motion(takes)
 
 
@@ -85,3 +85,19 @@ def test_a_rate_that_does_not_divide_the_captures_is_refused(cache):
         load_registered("F1", size="small", fps=25, progress=False)
     with pytest.raises(ValueError, match="fps"):
         load_registered("F1", size="small", fps=0, progress=False)
+
+
+def test_errors_are_those_of_the_skin_and_nothing_where_the_truth_is_put_in(actor):
+    take = actor.takes["test"][0]
+    registration = actor.registration(take)
+    error = actor.errors(registration, take, [10, 40])
+    assert error.shape == (2, actor.fit.mesh.n_vertices)
+    small = actor.motion(take).displacements() - actor.truth(take).displacements()
+    step = round(registration.fps / actor.fps)
+    small = np.linalg.norm(small.reshape(len(small), -1, 3), axis=2)
+    np.testing.assert_allclose(
+        actor.errors(registration, take, slice(None, None, step))[:, actor.samples],
+        small,
+        atol=1e-3,
+    )
+    assert error[:, actor.covered].mean() < error[:, ~actor.covered].mean()

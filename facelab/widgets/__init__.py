@@ -2,6 +2,7 @@
 
 from facelab.widgets.player import Player
 from facelab.widgets.posing_lab import PosingLab
+from facelab.widgets.registration_view import RegistrationView
 from facelab.widgets.viewer import FaceView
 
-__all__ = ["FaceView", "Player", "PosingLab"]
+__all__ = ["FaceView", "Player", "PosingLab", "RegistrationView"]

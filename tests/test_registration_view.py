@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+
+import facelab
+from facelab.widgets import RegistrationView
+
+
+@pytest.fixture(scope="module")
+def actor():
+    return facelab.load_registered("F1", size="small", progress=False)
+
+
+@pytest.fixture
+def view(actor):
+    return RegistrationView(actor, "rage_5")
+
+
+def test_a_frame_shows_the_registered_skin_and_the_markers_left(view, actor):
+    view.slider.value = 40
+    n = actor.fit.mesh.n_vertices
+    shown = view.view._position.array[:n]
+    np.testing.assert_allclose(shown, view.registration.positions([40])[0], atol=1e-3)
+    seen = actor.capture.markers("rage_5").select(actor.fit.names).visible[40].sum()
+    assert f"{seen} of {len(actor.fit.names)} markers" in view._status.value
+
+
+def test_hiding_markers_registers_anew_and_raises_the_error(view):
+    def error():
+        return float(view._status.value.split("off by ")[1].split(" mm")[0])
+
+    view.slider.value = 60
+    before, text = view.registration, error()
+    view.missing.value = 0.6
+    assert view.registration is not before
+    assert np.isfinite(view._markers[60, :, 0]).mean() < 0.7 and error() > text
+    view.missing.value = 0.0
+    np.testing.assert_array_equal(view.registration.displacements, before.displacements)
+
+
+def test_an_error_is_shown_and_the_face_stays(view, monkeypatch):
+    def fail(*_):
+        raise RuntimeError("the markers are on strike")
+
+    before = view.registration
+    monkeypatch.setattr("facelab.widgets.registration_view.register_sequence", fail)
+    view.missing.value = 0.3
+    assert "on strike" in view._message.value and view.registration is before
+    monkeypatch.undo()
+    view.slider.value = 10
+    assert view._message.value == ""
+
+
+def test_other_kinds_and_unknown_takes_are_refused(actor):
+    with pytest.raises(TypeError, match="actor is a str"):
+        RegistrationView("F1", "rage_5")
+    with pytest.raises(ValueError, match="rage_99"):
+        RegistrationView(actor, "rage_99")
