@@ -16,14 +16,17 @@ export FACELAB_CAPTURES ?= $(abspath $(DATA)/captures)
 endif
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 
-.PHONY: help lab env data test lint unit test-notebooks browser test-browser notebooks bench lock clean
+.PHONY: help lab app env data test lint unit test-notebooks browser test-browser notebooks results \
+	bench lock clean
 
 help:
 	@echo "make lab        set up all, open the lab in JupyterLab"
+	@echo "make app        only the posing lab, as a page of its own"
 	@echo "make test       set up all, run every test: unit, notebooks, the lab in a real browser"
 	@echo "make env        only the environment, in .venv"
 	@echo "make data       only the data (real faces are downloaded once, synthetic ones made)"
 	@echo "make notebooks  run every notebook in place and store its outputs"
+	@echo "make results    every error of the generalisation experiments, as CSV in results/"
 	@echo "make bench      run the benchmarks"
 	@echo "make lock       resolve requirements.lock and environment.yml anew from pyproject.toml"
 	@echo "make clean      remove .venv and what the tests left"
@@ -47,6 +50,9 @@ data: env
 lab: env data
 	$(BIN)/jupyter lab --config=jupyter_server_config.py notebooks/05_posing.ipynb
 
+app: env data
+	$(BIN)/voila app/posing.ipynb
+
 test: lint unit test-notebooks test-browser
 	@echo "facelab: every test passed"
 
@@ -58,7 +64,7 @@ unit: env
 	$(BIN)/python -m pytest tests --ignore tests/browser
 
 test-notebooks: env data
-	$(BIN)/python -m pytest --nbval-lax -p no:cacheprovider --nbval-cell-timeout=300 $(NOTEBOOKS)
+	$(BIN)/python -m pytest --nbval-lax -p no:cacheprovider --nbval-cell-timeout=600 $(NOTEBOOKS)
 
 browser: env
 	$(BIN)/python tests/browser/get_browser.py
@@ -70,6 +76,9 @@ notebooks: env data
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace \
 		--ExecutePreprocessor.store_widget_state=False \
 		--ExecutePreprocessor.record_timing=False $(NOTEBOOKS)
+
+results: env data
+	$(BIN)/python -m facelab.results --out results
 
 bench: env data browser
 	$(BIN)/python tests/benchmarks/run.py

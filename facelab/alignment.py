@@ -299,7 +299,7 @@ def check_like(alignment, name):
     """
     if alignment.mirrored:
         raise ValueError(
-            f"{name} is mirrored: a reflection fits far better than any turn (left over "
+            f"{name}: mirrored. A reflection fits far better than any turn (left over "
             f"{alignment.rms:.1f} mm). Negate one axis, or check whether names of left and right "
             "are exchanged."
         )
@@ -308,6 +308,6 @@ def check_like(alignment, name):
         guess = f" It looks like {_UNITS[near]}: multiply by {near:g}."
         close = abs(np.log(alignment.scale / near)) < 0.3
         raise ValueError(
-            f"{name} is {1 / alignment.scale:.4g} times the size of the face, but needs "
-            f"millimetres.{guess if close else ' Scale it to millimetres first.'}"
+            f"{name}: {1 / alignment.scale:.4g} times the size of the face; millimetres are "
+            f"needed.{guess if close else ' Scale it to millimetres first.'}"
         )

@@ -1,219 +1,65 @@
-"""Pose a face by pulling vertices: the solver and the session.
+"""The posing session: everything that a person can do to a pose, without any widget.
 
-Tena et al. 2011, section 3.2. Coefficients here are counted from the neutral face: zero is
-exactly the neutral, in every region, so the part of it that a model cannot express stays.
+Tena et al. 2011, sections 3.2 and 6. The mathematics is in `facelab.pose_solver`.
 """
 
-from dataclasses import dataclass, field, replace
-from types import MappingProxyType
+import time
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from sklearn.utils.validation import check_is_fitted
-from threadpoolctl import ThreadpoolController
 
-from facelab.errors import as_finite, check_choice, check_index, check_number
+from facelab.blendshapes import BlendshapeRig
+from facelab.errors import as_finite, check_index, check_number
+from facelab.history import History, logged
 from facelab.models import RegionModel
+from facelab.pose_solver import REFERENCE_VERTICES, STIFFNESS, PoseSolver, sizes_of
+from facelab.pose_state import PoseState
+from facelab.poses import fingerprint, state_to_dict
+from facelab.rig_solver import RigSolver
+from facelab.symmetry import MIRROR, check_partners, mirror_map
 
-REFERENCE_VERTICES = 397
-"""Mesh density at which beta and gamma have the values of the paper."""
+__all__ = [
+    "REFERENCE_VERTICES",
+    "STIFFNESS",
+    "PoseSolver",
+    "PoseState",
+    "PosingSession",
+    "RigSolver",
+    "mirror_map",
+]
 
-_threads = ThreadpoolController()  # solves this small lose time on several threads
-
-
-class PoseSolver:
-    """Coefficients that bring pinned vertices to their targets (Eq. 9 and 10).
-
-    The paper's beta and gamma belong to an orthonormal basis on 397 vertices, evenly spread; they
-    are scaled so that both mean the same at every density N.
-
-    - A row of such a basis shrinks with sqrt(N), for a squared coefficient is a sum over the
-      vertices of the motion it makes: gamma is scaled by 397 / N.
-    - The boundary term is a sum over shared vertices, whose number grows with sqrt(N) in a band
-      one edge wide: beta is scaled by sqrt(397 / N).
-    - Regions carried over from a control mesh (`Regions.carried_to`) keep bands as wide as they
-      were. The boundary term is then summed over the n control vertices alone, with
-      sqrt(397 / n): summed over all, it would see gaps between them that it does not see on the
-      control mesh, and hold every pin back.
-    - Dense meshes are seldom even: eyelids and lips would resist more than cheeks. So beyond 397
-      vertices each counts in the last term by its share of the surface in place of 1 / N.
-
-    Up to 397 vertices this is Eq. 9 to the letter, with scaled weights. Trained on 397 or on all
-    6,706 vertices of the same face, models answer the same pins alike: the pinned vertex follows
-    as far and the motion reaches as far, within 10 % for about nine pins in ten; the rest is the
-    choice of samples, felt most where the face hardly moves (nose tip, outline of the jaw).
-
-    Parameters
-    ----------
-    model : RegionModel or HolisticModel
-        Fitted. Any linear basis will do; it need not be orthonormal.
-    beta : float, default=0.5
-        β: weight of the agreement of regions on shared vertices, 0 or more.
-    gamma : float, default=0.025
-        γ: weight of staying near the state before the pins, more than 0.
-    shared_pins : {"blended", "copies"}
-        What a pin on a vertex of m regions holds. "copies" is Eq. 9 to the letter: each region's
-        copy of the vertex is drawn to the target, which also draws the copies together, so that
-        merely pressing there moves the face (by up to 0.4 mm in our trials). "blended" holds
-        what is seen, the mean of the copies, with m times the weight: pressing changes nothing.
-        Both are the same where one region holds the vertex, and where the copies agree.
-    mesh : TriangleMesh, optional
-        The mesh of the model, for its areas; that of the model's regions if left out. Where there
-        is none, every vertex counts the same.
-
-    References
-    ----------
-    Tena et al. 2011, Eq. 8 to 10. Their Eq. 7 has a wrong index in its last term; Eq. 10 is
-    right. Each pair of regions is summed once.
-    """
-
-    def __init__(self, model, beta=0.5, gamma=0.025, shared_pins="blended", mesh=None):
-        check_is_fitted(model)
-        self.model = model
-        self.shared_pins = check_choice(shared_pins, "shared_pins", ("blended", "copies"))
-        self.beta = check_number(beta, "beta", low=0)
-        self.gamma = check_number(gamma, "gamma", above=0)
-        self.n_vertices = len(model.mean_) // 3
-        regions = model.regions
-        if mesh is None and regions is not None:
-            mesh = regions.mesh
-        samples = None if regions is None else regions.samples
-        boundary, n_drawn = model.boundary_, self.n_vertices
-        if samples is not None:
-            boundary, n_drawn = model._boundary_matrix(samples), len(samples)
-        weights = _vertex_weights(self.n_vertices, mesh)
-        self._gamma = self.gamma * _coefficient_weights(model, weights)
-        # the part of the matrix of Eq. 10 that does not depend on the pins
-        self._at_rest = self.beta * np.sqrt(REFERENCE_VERTICES / n_drawn) * boundary + self._gamma
-
-    def rows(self, vertex):
-        """What a pin on this vertex holds, shape (3 * n, P): rows of Eq. 9, n times x, y, z.
-
-        n is the number of regions that hold the vertex for pins on copies (each row block is one
-        B_k^i), and 1 for blended pins.
-        """
-        columns = 3 * vertex + np.arange(3)
-        found = []
-        for at, B, s in self.model._parts():
-            first = np.searchsorted(at, columns[0])
-            if first < len(at) and at[first] == columns[0]:
-                row = np.zeros((3, self.model.n_coefficients_))
-                row[:, s] = B[:, first : first + 3].T
-                found.append(row)
-        if self.shared_pins == "blended":  # sqrt(m) times the mean: the weight of m copies
-            return sum(found) / np.sqrt(len(found))
-        return np.concatenate(found)
-
-    def _pull(self, vertex):
-        """Right side of Eq. 10 for a unit target of this pin, shape (P, 3)."""
-        J = self.rows(vertex)
-        blended = self.shared_pins == "blended"
-        weight = np.sqrt(self.model.holders_[3 * vertex]) if blended else 1
-        return weight * J.reshape(-1, 3, J.shape[1]).sum(axis=0).T
-
-    def factor(self, vertices):
-        """Factorised matrix of Eq. 10 for pins on these vertices."""
-        A = self._at_rest.copy()
-        if len(vertices):
-            J = np.concatenate([self.rows(v) for v in vertices])
-            A += J.T @ J
-        return cho_factor(A, overwrite_a=True, check_finite=False)
-
-    def solve(self, pins, c_0=None):
-        """Coefficients at the minimum of Eq. 9.
-
-        Parameters
-        ----------
-        pins : dict of int to ndarray of shape (3,)
-            Vertex to wanted displacement from the neutral, millimetres.
-        c_0 : ndarray of shape (P,), optional
-            State before the pins were set; the neutral if left out.
-
-        Returns
-        -------
-        c : ndarray of shape (P,)
-        """
-        c_0 = np.zeros(self.model.n_coefficients_) if c_0 is None else c_0
-        rhs = self._gamma @ c_0
-        for vertex, target in pins.items():
-            rhs = rhs + self._pull(vertex) @ target
-        with _threads.limit(limits=1):
-            return cho_solve(self.factor(pins), rhs, check_finite=False)
-
-    def sensitivity(self, vertices, moving):
-        """How the coefficients follow the target of one pin: dc / dt, shape (P, 3).
-
-        While one pin moves the matrix of Eq. 10 stands still, so the pose is affine in its target.
-        """
-        with _threads.limit(limits=1):
-            return cho_solve(self.factor(vertices), self._pull(moving), check_finite=False)
-
-    def displacements(self, coefficients):
-        """Displacements from the neutral, shared vertices blended: shape (n, n_vertices, 3)."""
-        return self.model.blend(np.atleast_2d(coefficients)).reshape(-1, self.n_vertices, 3)
-
-
-def _vertex_weights(n_vertices, mesh):
-    """What each vertex counts, 397 / N on average: shape (n_vertices,)."""
-    if mesh is None or n_vertices <= REFERENCE_VERTICES:
-        return np.full(n_vertices, REFERENCE_VERTICES / n_vertices)
-    areas = np.maximum(
-        mesh.vertex_areas, mesh.vertex_areas.mean() / 100
-    )  # a vertex of slivers still counts a little
-    return REFERENCE_VERTICES * areas / areas.sum()
-
-
-def _coefficient_weights(model, weights):
-    """W of the last term (c_0 - c)^T W (c_0 - c): 397 / N times one for even weights, (P, P)."""
-    if np.ptp(weights) == 0:
-        return weights[0] * np.eye(model.n_coefficients_)
-    W = np.zeros((model.n_coefficients_,) * 2)
-    for columns, B, s in model._parts():
-        U, _, Vt = np.linalg.svd(B, full_matrices=False)
-        Q = U @ Vt  # B itself where it is orthonormal, else the orthonormal basis nearest to it
-        W[s, s] = (Q * np.repeat(weights, 3)[columns]) @ Q.T
-    return W
-
-
-@dataclass(frozen=True, eq=False)
-class PoseState:
-    """One moment of a session: all that decides the pose.
-
-    Parameters
-    ----------
-    model : RegionModel or HolisticModel
-    pins : mapping of int to ndarray of shape (3,)
-        Model vertex to wanted displacement from the neutral, millimetres.
-    beta, gamma : float
-    c_0 : ndarray of shape (P,)
-        State before the pins were set.
-    coefficients : ndarray of shape (P,)
-        The answer.
-    """
-
-    model: RegionModel = field(repr=False)
-    pins: MappingProxyType
-    beta: float
-    gamma: float
-    c_0: np.ndarray = field(repr=False)
-    coefficients: np.ndarray = field(repr=False)
+_AS_IT_IS = object()
+_NO_PINS = {"pins": {}, "weights": {}, "locked": frozenset()}
+_SOLVERS_KEPT = 3  # so that going back to another model is quick
 
 
 @dataclass
 class _Drag:
-    vertex: int  # in the model
+    vertex: int
     start: np.ndarray  # (3,) target displacement when the drag began, mm
     target: np.ndarray  # (3,)
-    D: np.ndarray  # (3 * n_displayed, 3): millimetres of pose for a millimetre of target
-    x: np.ndarray  # (3 * n_displayed,): the pose when the drag began, mm
+    moving: dict  # vertex to (its start, (3, 3) matrix that turns the pull into its own)
+    problem: object
+    fixed: np.ndarray  # (n_pins, 3) targets of all pins of the problem when the drag began
+    c: np.ndarray  # (P,) coefficients when the drag began, or now if not affine
+    x: np.ndarray  # (3 * n_vertices,) the pose likewise, mm
+    slope: np.ndarray | None = None  # (P, 3): coefficients for a millimetre of target
+    D: np.ndarray | None = None  # (3 * n_vertices, 3): millimetres of pose for one of target
+    asked: np.ndarray | None = None  # (3,) where the vertex was to go, mm
+
+    def targets(self):
+        """Targets now of all that moves: dict of int to ndarray of shape (3,)."""
+        pull = self.target - self.start
+        return {v: start + M @ pull for v, (start, M) in self.moving.items()}
 
 
-class PosingSession:
+class PosingSession(History):
     """Everything a person can do to a pose, without any widget.
 
     Parameters
     ----------
-    model : RegionModel or HolisticModel
+    model : RegionModel, HolisticModel or BlendshapeRig
         Fitted on displacements of `neutral` or of its control vertices.
     neutral : TriangleMesh
         The face at rest that is shown and pulled, millimetres.
@@ -222,11 +68,22 @@ class PosingSession:
     gamma : float, default=0.025
         γ, see `PoseSolver`.
     binding : LinearBinding, optional
-        If the model has only the control vertices of a denser face: how that follows them. Then
-        `neutral` is the dense face, and pulling one of its vertices pulls the control vertex
-        nearest to it (its handle) by as much.
+        How the dense `neutral` follows control vertices, for models that have only those. Pins
+        hold the very vertex that was pulled, between control vertices too.
     shared_pins : {"blended", "copies"}
         What a pin on a vertex of several regions holds, see `PoseSolver`.
+    limit : float, optional
+        Standard deviations beyond which coefficients are drawn back, see `PoseSolver`.
+    partners : ndarray of int, shape (n_vertices,), optional
+        Mirrored partner of each vertex, -1 for none; from `mirror_map` if left out.
+    clock : callable, default=time.time
+        Seconds, for the log.
+
+    Attributes
+    ----------
+    log : list of dict
+        Every edit with its time since the start, in seconds: {"t", "do", ...arguments}.
+        `facelab.poses.replay` does them again.
 
     Raises
     ------
@@ -244,7 +101,18 @@ class PosingSession:
     Tena et al. 2011, sections 3.2 and 6.
     """
 
-    def __init__(self, model, neutral, beta=0.5, gamma=0.025, binding=None, shared_pins="blended"):
+    def __init__(
+        self,
+        model,
+        neutral,
+        beta=0.5,
+        gamma=0.025,
+        binding=None,
+        shared_pins="blended",
+        limit=None,
+        partners=None,
+        clock=time.time,
+    ):
         self.neutral = neutral
         self.binding = binding
         self.shared_pins = shared_pins
@@ -253,46 +121,56 @@ class PosingSession:
                 f"binding carries {binding.mesh.n_vertices} vertices, but neutral has "
                 f"{neutral.n_vertices}; bind the neutral itself."
             )
+        self._partners = partners
+        if partners is not None:
+            self._partners = check_partners(partners, neutral.n_vertices)
+        self._symmetric = False
         self._check_model(model)
-        solver = self._new_solver(model, beta, gamma)
-        rest = np.zeros(model.n_coefficients_)
-        pins = MappingProxyType({})
-        self._past = [PoseState(model, pins, solver.beta, solver.gamma, rest, rest)]
-        self._future = []
+        self._solvers = {}
+        rest = np.zeros(sizes_of(model)[1])
+        start = PoseState(
+            model,
+            {},
+            check_number(beta, "beta", low=0),
+            check_number(gamma, "gamma", above=0),
+            *(rest, rest, rest),
+            limit=_checked_limit(limit),
+        )
+        self._solver_for(start)  # refuses what it cannot use
+        super().__init__(start, clock)
         self._drag = None
-        self._last_solver = solver
         self._shown = None, None  # a state and its vertices
 
-    def _new_solver(self, model, beta, gamma):
-        mesh = self.neutral if self.binding is None else None
-        return PoseSolver(model, beta, gamma, self.shared_pins, mesh)
-
     def _check_model(self, model):
-        if not isinstance(model, RegionModel):
+        if not isinstance(model, (RegionModel, BlendshapeRig)):
             raise TypeError(
-                f"model is a {type(model).__name__}, but a session poses with a RegionModel or a "
-                "HolisticModel."
+                f"model is a {type(model).__name__}, but a session poses with a RegionModel, a "
+                "HolisticModel or a BlendshapeRig."
             )
-        check_is_fitted(model)
-        n_model = len(model.mean_) // 3
-        n_control = self.neutral.n_vertices if self.binding is None else len(self.binding.samples)
-        if n_model != n_control:
+        if isinstance(model, RegionModel):
+            check_is_fitted(model)
+        sizes = {self.neutral.n_vertices}
+        if self.binding is not None:
+            sizes.add(len(self.binding.samples))
+        n_model = sizes_of(model)[0]
+        if n_model not in sizes:
             raise ValueError(
-                f"the model has {n_model} vertices, but {n_control} are to be posed; train it on "
+                f"the model has {n_model} vertices, but {min(sizes)} are to be posed; train it on "
                 "motion of this face, or give the binding from its control vertices to the face."
             )
 
     # --- what is shown ----------------------------------------------------------------------------
 
     @property
-    def state(self):
-        """The present `PoseState`; a drag under way is not in it before its release."""
-        return self._past[-1]
-
-    @property
     def model(self):
         """The model that poses the face."""
         return self.state.model
+
+    @property
+    def models(self):
+        """Models of all steps that can be undone or redone, the present one first: list."""
+        steps = [*reversed(self._past), *reversed(self._future)]
+        return list(dict.fromkeys(state.model for state in steps))
 
     @property
     def beta(self):
@@ -305,56 +183,136 @@ class PosingSession:
         return self.state.gamma
 
     @property
+    def limit(self):
+        """Standard deviations that coefficients are held to, or None."""
+        return self.state.limit
+
+    @property
+    def affine(self):
+        """Whether the pose is affine in the target of a drag; if not, each move solves."""
+        return self._solver.affine
+
+    @property
+    def dragging(self):
+        """Whether a vertex is held."""
+        return self._drag is not None
+
+    @property
+    def coefficients(self):
+        """The pose on screen as coefficients counted from the neutral (weights of a rig): (P,)."""
+        drag = self._drag
+        if drag is None:
+            return self.state.coefficients.copy()
+        if drag.slope is None:
+            return drag.c.copy()
+        return drag.c + drag.slope @ (drag.target - drag.start)
+
+    @property
     def vertices(self):
         """The pose on screen, shape (n_vertices, 3), millimetres."""
-        if self._drag is not None:
-            drag = self._drag
-            return (drag.x + drag.D @ (drag.target - drag.start)).reshape(-1, 3)
+        drag = self._drag
+        if drag is not None:
+            x = drag.x if drag.D is None else drag.x + drag.D @ (drag.target - drag.start)
+            return x.reshape(-1, 3).copy()
         if self._shown[0] is not self.state:
-            moved = self._displayed(self.state.coefficients)[0]
-            self._shown = self.state, self.neutral.vertices + moved
+            self._shown = self.state, self.vertices_of(self.state.coefficients)
         return self._shown[1].copy()
 
-    @property
-    def can_undo(self):
-        """Whether there is a step to go back to."""
-        return len(self._past) > 1 or self._drag is not None
+    def vertices_of(self, coefficients):
+        """The shown face for any coefficients, millimetres.
 
-    @property
-    def can_redo(self):
-        """Whether there is an undone step."""
-        return bool(self._future)
+        Parameters
+        ----------
+        coefficients : ndarray of shape (P,) or (n, P)
+            Counted from the neutral.
+
+        Returns
+        -------
+        V : ndarray of shape (n_vertices, 3) or (n, n_vertices, 3)
+        """
+        n = self._solver.n_coefficients
+        coefficients = np.asarray(coefficients, dtype=float)
+        as_finite(np.atleast_2d(coefficients), "coefficients", ("n", n))
+        V = self.neutral.vertices + self._solver.shown(coefficients)
+        return V[0] if coefficients.ndim == 1 else V
 
     @property
     def pins(self):
         """Pinned vertices of the shown face and their targets: dict of int to ndarray (3,)."""
-        state_pins = dict(self.state.pins)
+        pins = dict(self.state.pins)
         if self._drag is not None:
-            state_pins[self._drag.vertex] = self._drag.target
-        shown = {self._shown_vertex(v): t for v, t in state_pins.items()}
-        return {v: self.neutral.vertices[v] + t for v, t in shown.items()}
+            pins |= self._drag.targets()
+        return {v: self.neutral.vertices[v] + t for v, t in pins.items()}
 
-    def handle(self, vertex):
-        """The vertex that moves when this one is pulled: itself, or its nearest control vertex."""
-        vertex = check_index(vertex, "vertex", self.neutral.n_vertices, "vertices of the face")
-        return self._shown_vertex(self._model_vertex(vertex))
+    @property
+    def pin_weights(self):
+        """Weights of the pins: dict of int to float."""
+        return {v: self.state.weights.get(v, 1.0) for v in self.state.pins}
 
-    def _model_vertex(self, vertex):
-        return vertex if self.binding is None else int(self.binding.handle_of[vertex])
+    @property
+    def locked(self):
+        """Pins that no drag moves: frozenset of int."""
+        return self.state.locked
 
-    def _shown_vertex(self, vertex):
-        return vertex if self.binding is None else int(self.binding.samples[vertex])
+    @property
+    def regions(self):
+        """Regions of the model, None if it has none."""
+        return self._solver.regions
 
-    def _displayed(self, coefficients):
-        """Displacements of the shown face for rows of coefficients: (n, n_vertices, 3)."""
-        control = self._solver.displacements(coefficients)
-        if self.binding is None:
-            return control
-        n, n_control, _ = control.shape
-        flat = self.binding.carry(control.transpose(1, 0, 2).reshape(n_control, -1))
-        return flat.reshape(-1, n, 3).transpose(1, 0, 2)
+    @property
+    def region_labels(self):
+        """Region of each vertex of the shown face, (n_vertices,) int; None without regions."""
+        if self.regions is None:
+            return None
+        labels = self.regions.labels
+        return labels if self._solver.binding is None else labels[self.binding.handle_of]
+
+    @property
+    def partners(self):
+        """Mirrored partner of each vertex of the shown face, -1 for none: (n_vertices,) int."""
+        if self._partners is None:
+            self._partners = mirror_map(self.neutral)
+        return self._partners
+
+    @property
+    def symmetric(self):
+        """Whether drags act on both sides of the face; may be set.
+
+        The partner is pulled by the mirrored pull from where it is. A vertex on the midline keeps
+        to it; one without a partner, or whose partner is locked, moves alone.
+        """
+        return self._symmetric
+
+    @symmetric.setter
+    def symmetric(self, on):
+        self.release()
+        if bool(on) != self._symmetric:
+            self._symmetric = bool(on)
+            self._note("symmetric", on=self._symmetric)
+            self._tell("step")
+
+    def plausibility(self):
+        """Mahalanobis distance of each region of the pose from training, shape (n_regions,).
+
+        In training its square is the number of the region's modes on average
+        (`model.n_components_`). None for a rig or given bases, which know no variances.
+        """
+        return self._solver.mahalanobis(self.coefficients)
+
+    def gaps(self):
+        """How far regions disagree before blending, at each shown vertex: (n_vertices,), mm.
+
+        The largest distance of a region's copy from the vertex seen; 0 where one region holds it.
+        """
+        gap = self._solver.gaps(self.coefficients)
+        if self._solver.binding is None:
+            return gap
+        return self.binding.carry(gap[:, None])[:, 0].clip(min=0)
 
     # --- dragging ---------------------------------------------------------------------------------
+
+    def _vertex(self, vertex):
+        return check_index(vertex, "vertex", self.neutral.n_vertices, "vertices of the face")
 
     def press(self, vertex):
         """Take hold of a vertex where it is: pressing alone changes nothing.
@@ -366,25 +324,62 @@ class PosingSession:
 
         Returns
         -------
-        D : ndarray of shape (n_vertices, 3, 3)
+        D : ndarray of shape (n_vertices, 3, 3) or None
             D[v, :, a] is how vertex v moves, in millimetres, when the target moves by one
-            millimetre along axis a.
+            millimetre along axis a. None if the pose is not affine in the target.
+
+        Raises
+        ------
+        ValueError
+            For a vertex that does not exist or a locked pin; nothing changes.
         """
-        vertex = check_index(vertex, "vertex", self.neutral.n_vertices, "vertices of the face")
-        if self._drag is not None:
-            self.release()
-        x = self.vertices
-        held = self._model_vertex(vertex)
-        shown = self._shown_vertex(held)
-        pins = self.state.pins
-        start = pins[held] if held in pins else x[shown] - self.neutral.vertices[shown]
-        C = self._solver.sensitivity([*(v for v in pins if v != held), held], held)
-        D = self._displayed(C.T).transpose(1, 2, 0)
-        self._drag = _Drag(held, start, start, D.reshape(-1, 3), x.ravel())
-        return D
+        vertex = self._vertex(vertex)
+        self._check_unlocked(vertex)
+        self.release()
+        V, c = self.vertices, self.coefficients
+        pins = dict(self.state.pins)
+        moving = {}
+        for v, M in self._moving(vertex).items():
+            pins.setdefault(v, V[v] - self.neutral.vertices[v])
+            moving[v] = pins[v], M
+        problem = self._solver.problem(list(pins), self._weights(pins))
+        start, fixed = pins[vertex], np.array(list(pins.values()))
+        drag = _Drag(vertex, start, start, moving, problem, fixed, c, V.ravel())
+        if self.affine:
+            at = problem.vertices.index
+            drag.slope = sum(problem.slope(at(v)) @ M for v, (_, M) in moving.items())
+            D = self._solver.shown(drag.slope.T).transpose(1, 2, 0)
+            drag.D = D.reshape(-1, 3)
+        self._drag = drag
+        return D if self.affine else None
+
+    def _moving(self, vertex):
+        """What a pull of this vertex moves, and the matrices that turn the pull into theirs."""
+        if not self.symmetric or self.partners[vertex] < 0:
+            return {vertex: np.eye(3)}
+        partner = int(self.partners[vertex])
+        if partner == vertex:
+            return {vertex: (np.eye(3) + MIRROR) / 2}
+        if partner in self.locked:
+            return {vertex: np.eye(3)}
+        return {vertex: np.eye(3), partner: MIRROR}
+
+    def _weights(self, pins, state=None):
+        weights = (self.state if state is None else state).weights
+        return [weights.get(v, 1.0) for v in pins]
+
+    def _check_unlocked(self, vertex):
+        if vertex in self.locked:
+            raise ValueError(
+                f"vertex={vertex} is a locked pin; unlock it first: "
+                f"set_pin({vertex}, locked=False)."
+            )
 
     def drag(self, vertex, target):
         """Pull a vertex towards a target; the face follows at once.
+
+        With a limit, a target beyond what is sane for the vertex (`PoseSolver.reach`) is brought
+        back to there.
 
         Parameters
         ----------
@@ -396,21 +391,27 @@ class PosingSession:
         Raises
         ------
         ValueError
-            For a vertex that does not exist or a target that is not finite; nothing changes.
+            For a vertex that does not exist, a locked pin, or a target that is not finite;
+            nothing changes.
         """
         target = as_finite(target, "target", (3,), remedy="give three finite coordinates")
-        vertex = check_index(vertex, "vertex", self.neutral.n_vertices, "vertices of the face")
-        if self._drag is None or self._drag.vertex != self._model_vertex(vertex):
+        vertex = self._vertex(vertex)
+        if self._drag is None or self._drag.vertex != vertex:
             self.press(vertex)
-        self._drag.target = target - self._grip(vertex)
-
-    def _grip(self, vertex):
-        """Where the target has to be for no displacement of the handle, shape (3,), mm."""
         drag = self._drag
-        if vertex == self._shown_vertex(drag.vertex) or drag.vertex in self.state.pins:
-            return self.neutral.vertices[vertex]
-        # a neighbour of the handle stands elsewhere: what counts is how far it is pulled from there
-        return drag.x.reshape(-1, 3)[vertex] - drag.start
+        drag.asked = target
+        drag.target = self._solver.capped(
+            vertex, target - self.neutral.vertices[vertex], drag.start
+        )
+        if drag.slope is None:
+            pins = drag.targets()
+            wanted = [
+                pins.get(v, t) for v, t in zip(drag.problem.vertices, drag.fixed, strict=True)
+            ]
+            state = self.state
+            drag.c = drag.problem.solve(np.array(wanted), state.c_0, state.molded)
+            drag.x = self.vertices_of(drag.c).ravel()
+        self._tell("move")
 
     def release(self):
         """Let go: the pin stays where it was dragged to, and the drag becomes one step of undo.
@@ -422,17 +423,116 @@ class PosingSession:
         drag, self._drag = self._drag, None
         if drag.target is drag.start:
             return
-        self._step(pins={**self.state.pins, drag.vertex: drag.target})
-
-    def hold(self, vertex):
-        """Pin a vertex where it is, so that later pulls leave it there."""
-        self.press(vertex)
-        self._drag.target = self._drag.start.copy()
-        self.release()
+        before = self.state
+        self._step(pins={**self.state.pins, **drag.targets()})
+        if self.state is not before:
+            self._note("pull", vertex=drag.vertex, target=drag.asked)
+            self._tell("step")
 
     def cancel(self):
         """Give up the drag under way; the face is as it was before."""
-        self._drag = None
+        if self._drag is not None:
+            self._drag = None
+            self._tell("move")
+
+    # --- pins -------------------------------------------------------------------------------------
+
+    def hold(self, vertex):
+        """Pin a vertex where it is, so that later pulls leave it there."""
+        self.set_pin(vertex)
+
+    @logged
+    def set_pin(self, vertex, target=None, weight=None, locked=None):
+        """Make a pin, or move, weight, lock or unlock one.
+
+        Parameters
+        ----------
+        vertex : int
+            Vertex of the shown face.
+        target : array_like of shape (3,), optional
+            Millimetres; if left out, that of the pin, or where the vertex is.
+        weight : float, optional
+            Of the pin in Eq. 9, more than 0; 1 unless set.
+        locked : bool, optional
+            A locked pin is neither dragged, mirrored upon nor removed; resets take it away.
+
+        Raises
+        ------
+        ValueError
+            For a vertex that does not exist, a bad target or weight, or a new target for a pin
+            that is locked and stays so; nothing changes.
+        """
+        vertex = self._vertex(vertex)
+        if target is not None:
+            target = as_finite(target, "target", (3,), remedy="give three finite coordinates")
+            if locked is not False:
+                self._check_unlocked(vertex)
+        if weight is not None:
+            weight = check_number(weight, "weight", above=0)
+        self.release()
+        state = self.state
+        if target is not None:
+            pin = target - self.neutral.vertices[vertex]
+        else:
+            pin = state.pins.get(vertex, self.vertices[vertex] - self.neutral.vertices[vertex])
+        weights = {**state.weights, **({} if weight is None else {vertex: weight})}
+        kept = state.locked if locked is None else state.locked - {vertex}
+        self._step(
+            pins={**state.pins, vertex: pin},
+            weights={v: w for v, w in weights.items() if w != 1},
+            locked=kept | {vertex} if locked else kept,
+        )
+
+    @logged
+    def remove_pin(self, vertex):
+        """Take a pin away; the others keep holding.
+
+        Raises
+        ------
+        ValueError
+            If the vertex is not pinned, or locked.
+        """
+        vertex = self._vertex(vertex)
+        self._check_pinned(vertex)
+        self._check_unlocked(vertex)
+        self.release()
+        self._step(**self._without({vertex}))
+
+    def _check_pinned(self, vertex):
+        if vertex not in self.pins:
+            known = ", ".join(map(str, self.pins)) or "none"
+            raise ValueError(f"vertex={vertex} is not pinned; pinned are: {known}.")
+
+    def _without(self, gone):
+        """Pins, weights and locks of the state without those of some vertices."""
+        state = self.state
+        return dict(
+            pins={v: t for v, t in state.pins.items() if v not in gone},
+            weights={v: w for v, w in state.weights.items() if v not in gone},
+            locked=state.locked - set(gone),
+        )
+
+    @logged
+    def mirror_pin(self, vertex):
+        """Put the mirrored pin, its weight too, on the vertex's partner.
+
+        Raises
+        ------
+        ValueError
+            If the vertex is not pinned, or has no partner on the other side, or a locked one.
+        """
+        vertex = self._vertex(vertex)
+        self._check_pinned(vertex)
+        partner = int(self.partners[vertex])
+        if partner in (-1, vertex):
+            raise ValueError(f"vertex={vertex} has no partner on the other side of the face.")
+        self._check_unlocked(partner)
+        self.release()
+        state = self.state
+        weights = {v: w for v, w in state.weights.items() if v != partner}
+        if vertex in weights:
+            weights[partner] = weights[vertex]
+        self._step(pins={**state.pins, partner: MIRROR @ state.pins[vertex]}, weights=weights)
 
     # --- edits ------------------------------------------------------------------------------------
 
@@ -441,80 +541,146 @@ class PosingSession:
         return self._solver_for(self.state)
 
     def _solver_for(self, state):
-        last = self._last_solver
-        if (last.model, last.beta, last.gamma) != (state.model, state.beta, state.gamma):
-            self._last_solver = self._new_solver(state.model, state.beta, state.gamma)
-        return self._last_solver
+        key = state.model, state.beta, state.gamma, state.limit
+        if key not in self._solvers:
+            while len(self._solvers) >= _SOLVERS_KEPT:
+                del self._solvers[next(iter(self._solvers))]
+            self._solvers[key] = self._new_solver(state)
+        return self._solvers[key]
+
+    def _new_solver(self, state):
+        n_model = sizes_of(state.model)[0]
+        bound = self.binding is not None and n_model == len(self.binding.samples)
+        binding, on_shown = self.binding if bound else None, not bound
+        if isinstance(state.model, BlendshapeRig):
+            return RigSolver(state.model, state.gamma, binding)
+        mesh = self.neutral if on_shown else None
+        return PoseSolver(
+            state.model, state.beta, state.gamma, self.shared_pins, mesh, binding, state.limit
+        )
 
     def _step(self, **changes):
+        """Solve for the changed state and make it the present one; a change of nothing is none."""
         state = replace(self.state, **changes)
-        solver = self._solver_for(state)
-        before = solver.displacements(state.c_0)[0]
-        moves = {v: t - before[v] for v, t in state.pins.items()}
-        coefficients = state.c_0 + solver.solve(moves)
-        pins = MappingProxyType(dict(state.pins))
-        self._past.append(replace(state, pins=pins, coefficients=coefficients))
-        self._future = []
-
-    def remove_pin(self, vertex):
-        """Take a pin away; the others keep holding.
-
-        Raises
-        ------
-        ValueError
-            If the vertex is not pinned.
-        """
-        held = self._model_vertex(
-            check_index(vertex, "vertex", self.neutral.n_vertices, "vertices of the face")
+        problem = self._solver_for(state).problem(
+            list(state.pins), self._weights(state.pins, state)
         )
-        if self._shown_vertex(held) not in self.pins:
-            known = ", ".join(map(str, self.pins)) or "none"
-            raise ValueError(f"vertex={vertex} is not pinned; pinned are: {known}.")
-        self.release()
-        self._step(pins={v: t for v, t in self.state.pins.items() if v != held})
+        targets = np.array(list(state.pins.values()), dtype=float).reshape(-1, 3)
+        self._push(replace(state, coefficients=problem.solve(targets, state.c_0, state.molded)))
 
+    @logged
     def keep(self):
         """Make the present pose the state that pins start from, and take all pins away."""
         self.release()
-        self._step(pins={}, c_0=self.state.coefficients)
+        c = self.state.coefficients
+        self._step(**_NO_PINS, c_0=c, molded=np.zeros_like(c))
 
+    @logged
     def reset(self):
-        """Back to the neutral face without pins; beta and gamma stay."""
+        """Back to the neutral face without pins; beta, gamma and limit stay."""
         self.release()
-        self._step(pins={}, c_0=np.zeros(self.model.n_coefficients_))
+        rest = np.zeros_like(self.state.c_0)
+        self._step(**_NO_PINS, c_0=rest, molded=rest)
 
-    def set(self, beta=None, gamma=None):
-        """Change beta or gamma; the pins are solved for anew.
+    @logged
+    def reset_region(self, region):
+        """One region back to neutral, its pins taken away; pins of other regions keep holding.
+
+        What those pull along across the boundary stays pulled.
 
         Raises
         ------
         ValueError
-            For a beta below 0 or a gamma not above 0; nothing changes.
+            For a region that does not exist.
         """
-        beta = self.beta if beta is None else check_number(beta, "beta", low=0)
-        gamma = self.gamma if gamma is None else check_number(gamma, "gamma", above=0)
+        s = self._solver.slice_of(region)
         self.release()
-        if (beta, gamma) != (self.beta, self.gamma):
-            self._step(beta=beta, gamma=gamma)
+        if self.regions is None:
+            self.reset()
+            return
+        c_0, molded = self.state.c_0.copy(), self.state.molded.copy()
+        c_0[s] = molded[s] = 0
+        inside = {v for v in self.state.pins if self.region_labels[v] == region}
+        self._step(**self._without(inside), c_0=c_0, molded=molded)
 
-    def undo(self):
-        """Go one step back; False if there is none. A drag under way is given up instead."""
-        if self._drag is not None:
-            self.cancel()
-            return True
-        if len(self._past) == 1:
-            return False
-        self._future.append(self._past.pop())
-        return True
+    @logged
+    def set(self, beta=None, gamma=None, limit=_AS_IT_IS):
+        """Change beta, gamma or the limit; the pins are solved for anew.
 
-    def redo(self):
-        """Go one undone step forward again; False if there is none."""
-        if not self._future:
-            return False
-        self.cancel()
-        self._past.append(self._future.pop())
-        return True
+        Parameters
+        ----------
+        beta, gamma : float, optional
+        limit : float or None, optional
+            None takes the limit away.
 
+        Raises
+        ------
+        ValueError
+            For a beta below 0, a gamma or limit not above 0; nothing changes.
+        """
+        state = self.state
+        changed = replace(
+            state,
+            beta=state.beta if beta is None else check_number(beta, "beta", low=0),
+            gamma=state.gamma if gamma is None else check_number(gamma, "gamma", above=0),
+            limit=state.limit if limit is _AS_IT_IS else _checked_limit(limit),
+        )
+        self._solver_for(changed)  # refuses what it cannot use
+        self.release()
+        if not changed.same(state):
+            self._step(beta=changed.beta, gamma=changed.gamma, limit=changed.limit)
+
+    @logged
+    def apply(self, coefficients):
+        """Pose with these coefficients, counted from the neutral; pins are taken away.
+
+        Parameters
+        ----------
+        coefficients : array_like of shape (P,)
+            Of a rig: weights, 0 to 1.
+        """
+        c = as_finite(coefficients, "coefficients", (self._solver.n_coefficients,))
+        self._solver.check(c)
+        self.release()
+        c = c.copy()
+        state = replace(self.state, **_NO_PINS, c_0=c, molded=np.zeros_like(c))
+        self._push(replace(state, coefficients=c))
+
+    @logged
+    def restore(self, state):
+        """Go back to a `PoseState` of this face: pose, pins, weights of Eq. 9 and model.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If it is none, or of another face; nothing changes.
+        """
+        if not isinstance(state, PoseState):
+            raise TypeError(f"state is a {type(state).__name__}; give a PoseState (session.state).")
+        self._check_model(state.model)
+        self.release()
+        self._push(state)
+
+    @logged
+    def mirror(self):
+        """The whole pose, left for right, as well as the model can; pins are taken away.
+
+        Raises
+        ------
+        ValueError
+            If the mirror map leaves vertices without a partner.
+        """
+        alone = np.flatnonzero(self.partners < 0)
+        if alone.size:
+            raise ValueError(
+                f"{alone.size} vertices have no mirrored partner, the first {alone[0]}; give "
+                "partners=mirror_map(neutral, tolerance) with a larger tolerance."
+            )
+        self.release()
+        x = self.vertices - self.neutral.vertices
+        self.apply(self._solver.encode((x[self.partners] @ MIRROR)[None])[0])
+
+    @logged
     def use(self, model):
         """Pose with another model of the same face, under the same pins.
 
@@ -526,9 +692,97 @@ class PosingSession:
             If the model is of another face; nothing changes.
         """
         self._check_model(model)
+        state = self.state
+        n = sizes_of(model)[1]
+        new = self._solver_for(replace(state, model=model, c_0=np.zeros(n)))
         self.release()
         if model is self.model:
             return
-        before = self._solver.displacements(self.state.c_0).reshape(1, -1)
-        c_0 = (model.transform(before) - model.transform(np.zeros_like(before)))[0]
-        self._step(model=model, c_0=c_0)
+        state = self.state
+        bare = self._solver.problem([]).solve(np.zeros((0, 3)), state.c_0, state.molded)
+        c_0 = new.encode(self._solver.shown(bare))[0]
+        self._step(model=model, c_0=c_0, molded=np.zeros(n))
+
+    # --- molding ----------------------------------------------------------------------------------
+
+    @logged
+    def mold(self, region, component, value):
+        """Set a component of a region in the state that the pose holds to, c_0.
+
+        Eq. 9 without pins: with a small beta and a large gamma the pose takes the value whole,
+        otherwise the neighbours give and take. Pins keep holding.
+
+        Parameters
+        ----------
+        region : int
+            0 for a holistic model or a rig.
+        component : int
+            Of the region, strongest first; of a rig, the unit.
+        value : float
+            Standard deviations from the neutral (coefficients if the model knows no variances);
+            of a rig, the weight, 0 to 1.
+
+        Raises
+        ------
+        ValueError
+            For a region, component or value out of range; nothing changes.
+        """
+        solver = self._solver
+        s = solver.slice_of(region)
+        k = s.start + check_index(component, "component", s.stop - s.start, "components")
+        value = check_number(value, "value", *solver.bounds)
+        self.release()
+        molded = self.state.molded.copy()
+        molded[k] = value * solver.deviations[k] - self.state.c_0[k]
+        self._step(molded=molded)
+
+    def mold_values(self, region):
+        """Where the sliders of a region stand, in the unit of `mold`: shape (P_i,)."""
+        s = self._solver.slice_of(region)
+        return (self.state.c_0 + self.state.molded)[s] / self._solver.deviations[s]
+
+    def mold_ranges(self, region):
+        """Sensible ends for those sliders, shape (P_i, 2): 0 to 1, or 3 standard deviations."""
+        return np.tile(self._solver.mold_ends, (len(self.mold_names(region)), 1))
+
+    def mold_names(self, region):
+        """Names of those sliders: list of str."""
+        return self._solver.names(region)
+
+    # --- recorded takes ---------------------------------------------------------------------------
+
+    def encode(self, take):
+        """Coefficients of a recorded take, counted from the neutral.
+
+        Parameters
+        ----------
+        take : MotionSequence or WeightSequence
+            Motion of the shown face or of the model's vertices; for a rig also recorded weights.
+
+        Returns
+        -------
+        track : ndarray of shape (n_frames, P)
+            NaN in lost frames.
+        """
+        found = self._solver.encode_take(take)
+        track = np.full((take.n_frames, found.shape[1]), np.nan)
+        track[take.valid] = found
+        return track
+
+    def overlay(self, track):
+        """A take's coefficients with the present pose laid over as an offset: (n_frames, P).
+
+        Weights of a rig are kept within 0 and 1.
+        """
+        return self._solver.clipped(np.asarray(track) + self.coefficients)
+
+    def _plain(self, value):
+        if isinstance(value, PoseState):
+            return state_to_dict(value)
+        if isinstance(value, (RegionModel, BlendshapeRig)):
+            return fingerprint(value)
+        return super()._plain(value)
+
+
+def _checked_limit(limit):
+    return limit if limit is None else check_number(limit, "limit", above=0)

@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PIP_ONLY = {"ezc3d", "nbval", "playwright", "pythreejs"}  # taken from PyPI inside the conda env
+PIP_ONLY = {"ezc3d", "nbval", "playwright", "pygltflib", "pythreejs"}  # from PyPI
 
 
 def environment_yml():

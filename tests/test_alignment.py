@@ -82,7 +82,7 @@ def test_mirrored_data_is_noticed_and_never_fitted_with_a_reflection(cloud, rng)
     mirrored = procrustes(cloud * [-1, 1, 1] + rng.normal(size=cloud.shape), target, scale=True)
     assert mirrored.mirrored and np.linalg.det(mirrored.rotation) > 0
     assert not procrustes(cloud + rng.normal(size=cloud.shape), target).mirrored
-    with pytest.raises(ValueError, match=r"the markers is mirrored.*Negate one axis"):
+    with pytest.raises(ValueError, match=r"the markers: mirrored.*Negate one axis"):
         check_like(mirrored, "the markers")
 
 

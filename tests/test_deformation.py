@@ -8,6 +8,7 @@ from shapes import disk_mesh, grid_mesh, sphere_mesh
 
 from facelab.deformation import LaplacianDeformer, bind, bind_to_surface, laplacian_deform
 from facelab.mesh import TriangleMesh
+from facelab.motion import MotionSequence
 
 
 def spread(mesh, step=7):
@@ -99,6 +100,77 @@ def test_the_handle_of_a_vertex_is_the_nearest_along_the_surface(face):
     at = G[binding.handle_of, np.arange(face.n_vertices)]
     np.testing.assert_allclose(at, G.min(axis=0), atol=1e-9)
     np.testing.assert_array_equal(binding.handle_of[samples], np.arange(len(samples)))
+
+
+def parted(mesh, rng, n_frames=40):
+    """Motion that no surface tells: both halves move apart along a seam."""
+    left = mesh.vertices[:, 0] < mesh.vertices[:, 0].mean()
+    x = np.where(left, 1.0, -1.0)[None, :, None] * rng.normal(size=(n_frames, 1, 3))
+    return MotionSequence(mesh.vertices + x, 30.0, mesh)
+
+
+def test_a_binding_learned_from_motion_follows_motion_it_has_not_seen(rng):
+    mesh = grid_mesh(13, 10, 3.0)
+    samples, motion, unseen = spread(mesh), parted(mesh, rng), parted(mesh, rng)
+    x = unseen.positions - mesh.vertices
+    errors = [
+        np.sqrt(np.mean([np.sum((b.carry(d[samples]) - d) ** 2) / len(d) for d in x]))
+        for b in (bind(mesh, samples), bind(mesh, samples, motion=motion))
+    ]
+    assert errors[1] < 0.3 * errors[0]
+
+
+def test_a_learned_binding_is_the_least_squares_that_it_says(rng):
+    mesh = grid_mesh(13, 10, 3.0)
+    samples, motion, trust = spread(mesh), parted(mesh, rng), 4.0
+    plain, learned = bind(mesh, samples), bind(mesh, samples, motion=motion, trust=trust)
+    x = motion.positions - mesh.vertices
+    strain = 0.05 * (mesh.vertices - mesh.vertices.mean(axis=0))
+    start, found = plain.weights.toarray(), learned.weights.toarray()
+    np.testing.assert_array_equal(found != 0, start != 0)
+    for v in np.setdiff1d(np.arange(130), samples)[::17]:
+
+        def cost(w, v=v):
+            off = x[:, v] - np.einsum("k,fka->fa", w, x[:, samples])
+            bent = strain[v] - w @ strain[samples]
+            stray = w - start[v]
+            return np.sum(off**2) / len(x) + bent @ bent + stray @ stray / trust
+
+        near = np.flatnonzero(start[v])
+        for _ in range(5):
+            change = np.zeros(len(samples))
+            change[near] = 1e-3 * rng.normal(size=len(near))
+            change[near] -= change[near].mean()  # rows sum to one
+            assert cost(found[v] + change) > cost(found[v])
+
+
+def test_a_learned_binding_still_carries_control_vertices_and_shifts_exactly(face, rng):
+    samples = spread(face)
+    binding = bind(face, samples, motion=parted(face, rng))
+    moved = rng.normal(size=(len(samples), 3))
+    np.testing.assert_allclose(binding.carry(moved)[samples], moved, atol=1e-12)
+    shifted = binding.carry(np.tile([3.0, -50, 7], (len(samples), 1)))
+    np.testing.assert_allclose(shifted, np.tile([3.0, -50, 7], (face.n_vertices, 1)), atol=1e-9)
+
+
+@pytest.mark.real
+def test_lips_and_lids_of_the_real_face_follow_better_when_learned(real_rig, real_takes):
+    face = real_rig.neutral
+    samples, _ = face.subsample(397)
+    x = real_rig.animate(real_takes["alex_rom_3"][::60]).displacements().reshape(-1, 6706, 3)
+    errors = []
+    for motion in (None, real_rig.animate(real_takes["alex_rom_4"][::20])):
+        binding = bind(face, samples, motion=motion)
+        off = [np.mean(np.sum((binding.carry(d[samples]) - d) ** 2, axis=1)) for d in x]
+        errors.append(np.sqrt(np.mean(off)))
+    assert errors[1] < 0.15 < 0.3 < errors[0]
+
+
+def test_motion_of_another_mesh_teaches_no_binding(grid, rng):
+    with pytest.raises(ValueError, match="motion has 130 vertices, but the mesh 30"):
+        bind(grid, [0, 5, 29], motion=parted(grid_mesh(13, 10), rng))
+    with pytest.raises(ValueError, match="trust=0"):
+        bind(grid, [0, 5, 29], trust=0)
 
 
 def two_triangles():

@@ -12,6 +12,7 @@ from facelab.blendshapes import BlendshapeRig
 from facelab.expression import (
     CRITERIA,
     find_alignment,
+    held_out_error,
     least_squares,
     prepare_units,
     regress_expression,
@@ -282,6 +283,29 @@ def test_dominant_and_auxiliary_units_are_told_apart_and_alpha_loads_the_latter(
     assert {"AU12L", "AU12R"} <= set(dominant) and not set(dominant) & set(auxiliary)
     change = dict(zip(actor.names, fit.weights[-1] - fit.weights[2], strict=True))
     assert max(change[n] for n in auxiliary) > 2 * max(abs(change[n]) for n in dominant)
+
+
+def test_two_units_that_undo_each_other_are_not_dominant(actor):
+    w = actor.weights_of({"AU12L": 0.5, "AU30L": 0.6, "AU30R": 0.6})  # the jaw to both sides
+    fit = regress_expression(actor, actor.shape(w), 0, [0])
+    assert fit.roles()[0] == ("AU12L",)
+    assert {"AU30L", "AU30R"} <= set(fit.roles()[1])
+
+
+def test_the_held_out_error_is_that_of_fits_without_the_patch(rig, sketch):
+    fit = regress_expression(rig, sketch, 0.7, [0, 2, 5])
+    D, d = system(rig, sketch)
+    parts = [out for out, _, _ in fit.basis.folds(5, 50)]
+    assert (np.sum(parts, axis=0) == 1).all()  # every vertex once
+    total = np.zeros(3)
+    for out in np.repeat(parts, 3, axis=1):
+        root = np.sqrt((~out).sum() / 3)
+        for i, alpha in enumerate(fit.alphas):
+            w = literal_yu.regress(D[~out] / root, d[~out] / root, 0.7, alpha, (0, 1))
+            total[i] += ((D[out] @ w - d[out]) ** 2).sum()
+    expected = np.sqrt(total / rig.neutral.n_vertices)
+    np.testing.assert_allclose(held_out_error(fit), expected, rtol=1e-4)
+    assert fit.choose("held_out") == expected.argmin()
 
 
 # -- Alignment --

@@ -1,12 +1,22 @@
+import pickle
+
 import literal
 import numpy as np
 import pytest
-from planted import corner_regions, quarters, relabelled, three_strips, waves
+from planted import bumps, corner_regions, patch_motion, quarters, relabelled, three_strips, waves
+from shapes import disk_mesh, grid_mesh
 from sklearn.base import clone
 from sklearn.decomposition import PCA
 from sklearn.exceptions import NotFittedError
+from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from facelab.models import HolisticModel, RegionModel, principal_components
+from facelab import components as components_module
+from facelab.blending import BLEND_REACH
+from facelab.components import components_of_blocks, principal_components, row_blocks
+from facelab.io import load_npz, save_npz
+from facelab.mesh import TriangleMesh
+from facelab.models import HolisticModel, RegionModel, load_model
+from facelab.posing import PosingSession
 from facelab.segmentation import Regions
 
 SHARING = ["one-sided", "both", "none"]
@@ -34,7 +44,7 @@ def skewed(model, rng):
         rng.normal(size=(len(B), len(B))) @ B + 0.1 * rng.normal(size=B.shape)
         for B in model.components_
     ]
-    return model._set_bases(model.columns_, components, model.variances_)
+    return RegionModel.from_bases(model.regions, model.mean_, components, model.beta)
 
 
 # --- principal components -------------------------------------------------------------------------
@@ -364,13 +374,20 @@ def test_a_region_with_fewer_coordinates_than_modes_gets_as_many_as_it_can_hold(
 def test_settings_are_kept_as_they_were_given_and_cloned(rng):
     regions = three_strips()
     model = RegionModel(regions, n_components=3, beta=0.1)
-    assert model.get_params() == {"regions": regions, "n_components": 3, "beta": 0.1}
+    assert model.get_params() == {
+        "regions": regions,
+        "n_components": 3,
+        "beta": 0.1,
+        "spread": "each",
+        "blending": "mean",
+        "random_state": 0,
+    }
     model.fit(rng.normal(size=(10, 135)))
     copy = clone(model, safe=False)
     assert copy.n_components == 3
     assert not hasattr(copy, "mean_")
     assert model.regions is regions
-    assert HolisticModel(4).get_params() == {"n_components": 4}
+    assert HolisticModel(4).get_params() == {"n_components": 4, "random_state": 0}
     assert clone(HolisticModel(4)).n_components == 4
 
 
@@ -425,7 +442,19 @@ def test_a_model_that_has_learned_nothing_says_so(action):
         ({"n_components": 10}, np.zeros((10, 135)), ValueError, "10 frames .* allow 1 to 9"),
         ({"n_components": 0}, np.zeros((10, 135)), ValueError, "n_components=0"),
         ({"n_components": 2.0}, np.zeros((10, 135)), TypeError, "n_components=2.0"),
+        (
+            {"n_components": 2.5},
+            np.zeros((10, 135)),
+            TypeError,
+            "n_components=2.5 is not an integer",
+        ),
+        ({"n_components": 1.0}, np.zeros((10, 135)), TypeError, "share of the variance"),
+        ({"n_components": -0.5}, np.zeros((10, 135)), TypeError, "n_components=-0.5"),
+        ({"n_components": "all"}, np.zeros((10, 135)), TypeError, "n_components='all'"),
         ({"n_components": True}, np.zeros((10, 135)), TypeError, "n_components=True"),
+        ({"n_components": 28, "spread": "total"}, np.zeros((10, 135)), ValueError, "allow 1 to 27"),
+        ({"spread": "wide"}, np.zeros((10, 135)), ValueError, "spread='wide'"),
+        ({"blending": "soft"}, np.zeros((10, 135)), ValueError, "blending='soft'"),
         ({"beta": -1}, np.zeros((10, 135)), ValueError, "beta=-1"),
         ({"beta": "much"}, np.zeros((10, 135)), TypeError, "beta='much'"),
         ({}, np.zeros((10, 132)), ValueError, "132 columns.* 45 vertices and ask for 135"),
@@ -448,3 +477,580 @@ def test_frames_of_another_face_are_refused(rng):
         model.inverse_transform(np.zeros((1, 5)))
     with pytest.raises(ValueError, match="NaN"):
         model.transform(np.full_like(X, np.nan))
+
+
+# regions lie on a mesh and ask for its number of columns; these checks come with numbers of their
+# own, so that the whole face as one region stands in
+@parametrize_with_checks(
+    [
+        HolisticModel(1),
+        HolisticModel(0.9),
+        RegionModel(n_components=1),
+        RegionModel(n_components=1, spread="total", blending="gradient"),
+    ]
+)
+def test_models_keep_the_contract_of_scikit_learn(estimator, check):
+    check(estimator)
+
+
+def test_a_model_survives_a_copy_of_any_kind(rng):
+    model, X = fitted(corner_regions(), rng)
+    model.set_params(blending="gradient")
+    model.reconstruct(X)  # factors are at hand, and are left behind
+    twin = pickle.loads(pickle.dumps(model))
+    np.testing.assert_allclose(twin.reconstruct(X), model.reconstruct(X), atol=1e-12)
+
+
+def test_a_still_vertex_makes_no_nan(rng):
+    regions = corner_regions()
+    X = rng.normal(size=(40, 3 * regions.mesh.n_vertices))
+    X[:, :9] = 0.0
+    X[:, 9:12] = 7.5  # constant, not zero
+    for model in (RegionModel(regions, 4), RegionModel(regions, 0.9), HolisticModel(4)):
+        for blending in ("mean", "gradient"):
+            model.blending = blending
+            rebuilt = model.fit(X).reconstruct(X)
+            assert np.isfinite(rebuilt).all()
+    still = RegionModel(regions, 2).fit(np.full_like(X, 3.0))
+    np.testing.assert_allclose(still.reconstruct(X[:2] * 0 + 3), 3.0, atol=1e-12)
+
+
+def test_a_sequence_is_refused_with_what_to_pass(rng):
+    mesh, labels = quarters(6, 5)
+    motion = patch_motion(mesh, labels, rng)
+    with pytest.raises(TypeError, match=r"MotionSequence.*fit\(motion.displacements\(\)\)"):
+        HolisticModel(3).fit(motion)
+
+
+def test_regions_that_share_nothing_are_refused_unless_that_is_said(rng):
+    two = grid_mesh(3, 3)
+    V = np.vstack([two.vertices, two.vertices + [50, 0, 0]])
+    mesh = TriangleMesh(V, np.vstack([two.faces, two.faces + 9]))
+    labels = np.repeat([0, 1], 9)
+    X = rng.normal(size=(12, 54))
+    with pytest.raises(ValueError, match=r"region\(s\) 0, 1 share no vertex.*2 piece\(s\)"):
+        RegionModel(Regions(labels, mesh), 2).fit(X)
+    RegionModel(Regions(labels, mesh, "none"), 2).fit(X)
+
+
+# --- how many modes -------------------------------------------------------------------------------
+
+
+def uneven(rng, n_frames=300):
+    """Motion of the three strips: the first moves most and in many ways, the last hardly."""
+    regions = three_strips()
+    size = np.array([9.0, 3.0, 0.1])[regions.labels].repeat(3)
+    return regions, size * rng.normal(size=(n_frames, 135)) + 1.0
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.999])
+def test_a_share_of_the_variance_is_held_by_as_few_modes_as_can(rng, share):
+    regions, X = uneven(rng)
+    model = RegionModel(regions, share, beta=0).fit(X)
+    for members, kept in zip(model.members_, model.n_components_, strict=True):
+        part = X.reshape(len(X), -1, 3)[:, members].reshape(len(X), -1)
+        held = np.cumsum(np.linalg.svd(part - part.mean(axis=0))[1] ** 2)
+        assert held[kept - 1] >= share * held[-1]
+        assert kept == 1 or held[kept - 2] < share * held[-1]
+
+
+def test_a_total_goes_to_the_largest_variances_wherever_they_are(rng):
+    regions, X = uneven(rng)
+    rich = RegionModel(regions, 40).fit(X)
+    model = RegionModel(regions, 30, spread="total").fit(X)
+    assert model.n_coefficients_ == 30
+    assert model.n_components_[0] > model.n_components_[1] > model.n_components_[2] == 0
+    weakest = min(v.min() for v in model.variances_ if len(v))
+    left = [v[n:] for v, n in zip(rich.variances_, model.n_components_, strict=True)]
+    assert weakest >= max(v.max() for v in left if len(v))
+
+
+def test_no_other_split_of_a_total_leaves_less(rng):
+    regions = Regions(three_strips().labels, three_strips().mesh, "none")
+    X = uneven(rng)[1]
+    rich = RegionModel(regions, 30, beta=0).fit(X)
+    best = rich.truncated(10, "total")
+
+    def left(counts):
+        parts = zip(rich.variances_, counts, strict=True)
+        return sum(v.sum() - v[:n].sum() for v, n in parts)
+
+    splits = [(a, b, 10 - a - b) for a in range(11) for b in range(11 - a)]
+    assert left(best.n_components_) == min(map(left, splits))
+
+
+def test_a_share_of_all_regions_together_needs_fewer_modes_than_of_each(rng):
+    regions, X = uneven(rng)
+    each = RegionModel(regions, 0.9).fit(X)
+    total = RegionModel(regions, 0.9, spread="total").fit(X)
+    held = sum(v.sum() for v in total.variances_)
+    everything = sum(v.sum() for v in RegionModel(regions, 130).fit(X).variances_)
+    assert held >= 0.9 * everything
+    assert total.n_coefficients_ < each.n_coefficients_
+
+
+def test_a_region_without_modes_stays_at_its_mean_and_breaks_nothing(rng):
+    regions, X = uneven(rng)
+    model = RegionModel(regions, 3, spread="total").fit(X)
+    assert model.n_components_.tolist() == [3, 0, 0]
+    rebuilt = model.reconstruct(X)
+    alone = np.setdiff1d(model.columns_[2], model.columns_[1])
+    np.testing.assert_allclose(rebuilt[:, alone], np.tile(X.mean(axis=0)[alone], (len(X), 1)))
+
+
+@pytest.mark.parametrize("spread", ["each", "total"])
+def test_a_model_cut_short_is_the_model_trained_with_fewer_modes(rng, spread):
+    regions, X = uneven(rng)
+    rich = RegionModel(regions, 40, blending="gradient").fit(X)
+    short = rich.truncated(12, spread)
+    trained = RegionModel(regions, 12, spread=spread, blending="gradient").fit(X)
+    np.testing.assert_array_equal(short.n_components_, trained.n_components_)
+    np.testing.assert_allclose(short.reconstruct(X), trained.reconstruct(X), atol=1e-9)
+    assert rich.n_coefficients_ == 120, "the rich model must stay what it was"
+
+
+def test_the_holistic_model_is_cut_short_too(rng):
+    X = rng.normal(size=(60, 30))
+    short = HolisticModel(20).fit(X).truncated(5)
+    assert isinstance(short, HolisticModel)
+    np.testing.assert_allclose(
+        short.reconstruct(X), HolisticModel(5).fit(X).reconstruct(X), atol=1e-10
+    )
+
+
+# --- any basis: Eq. 4 -----------------------------------------------------------------------------
+
+
+def varimax(B, rounds=200):
+    """Rows turned so that each moves few coordinates (Kaiser 1958)."""
+    R = np.eye(len(B))
+    for _ in range(rounds):
+        L = B.T @ R
+        U, _, Vt = np.linalg.svd(B @ (L**3 - L * (L**2).mean(axis=0)))
+        R = U @ Vt
+    return R.T @ B
+
+
+def test_turned_modes_describe_the_same_faces_and_move_fewer_coordinates(rng):
+    model, X = fitted(corner_regions(), rng, n_frames=100)
+    turned = [varimax(B) for B in model.components_]
+    other = RegionModel.from_bases(model.regions, model.mean_, turned)
+    np.testing.assert_allclose(other.reconstruct(X), model.reconstruct(X), atol=1e-9)
+    for B, T in zip(model.components_, turned, strict=True):
+        assert (T**4).sum() > (B**4).sum()
+
+
+def test_blendshapes_cut_into_regions_rebuild_what_they_make(rng):
+    regions = corner_regions()
+    n = regions.mesh.n_vertices
+    bump = np.exp(-np.linalg.norm(regions.mesh.vertices[:, None] - regions.mesh.vertices, axis=2))
+    shapes = np.array([np.outer(bump[v], rng.normal(size=3)) for v in (3, 10, 30, 38)])
+    shapes[np.abs(shapes) < 1e-3] = 0
+    model = RegionModel.from_bases(regions, np.zeros(n * 3), shapes)
+    for members, units in zip(model.members_, model.units_, strict=True):
+        moves = [k for k in range(4) if np.abs(shapes[k][members]).max() > 0]
+        assert units.tolist() == moves
+    assert model.n_coefficients_ < 16, "some shapes should leave some regions alone"
+    X = rng.uniform(size=(5, 4)) @ shapes.reshape(4, -1)
+    np.testing.assert_allclose(model.reconstruct(X), X, atol=1e-9)
+
+
+def test_rows_that_depend_on_one_another_get_the_smallest_coefficients(rng):
+    B = rng.normal(size=(2, 18))
+    X = rng.normal(size=(4, 18))
+    model = RegionModel.from_bases(None, np.zeros(18), [np.vstack([B, B[0] + B[1], 2 * B[0]])])
+    expected = np.linalg.lstsq(model.components_[0].T, X.T)[0].T
+    np.testing.assert_allclose(model.transform(X), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("mean", "bases", "message"),
+    [
+        (np.zeros(135), [np.ones((2, 3))] * 2, "2 entries for 3 regions"),
+        (np.zeros(135), [np.ones((2, 7))] * 3, r"bases\[0\] has shape \(2, 7\)"),
+        (np.zeros(135), np.ones((2, 134)), "bases has shape"),
+        (np.zeros(135), np.zeros((2, 135)), "all zero"),
+        (np.zeros(135), np.full((2, 135), np.nan), "bases holds 270"),
+        (np.zeros(132), np.ones((2, 132)), "ask for 135"),
+        (np.full(135, np.inf), np.ones((2, 135)), "mean holds"),
+    ],
+)
+def test_bases_that_do_not_fit_the_regions_are_refused(mean, bases, message):
+    with pytest.raises(ValueError, match=message):
+        RegionModel.from_bases(three_strips(), mean, bases)
+
+
+def test_modes_without_variances_are_not_cut_short(rng):
+    model = RegionModel.from_bases(None, np.zeros(9), [rng.normal(size=(2, 9))])
+    with pytest.raises(ValueError, match="without variances"):
+        model.truncated(1)
+
+
+# --- one surface: mean and gradient ---------------------------------------------------------------
+
+
+def two_halves(columns=21, rows=7, spacing=5.0, step=1.0):
+    """Two regions on a strip, the right one lifted: the simplest gap there is."""
+    mesh = grid_mesh(columns, rows, spacing)
+    right = (np.arange(mesh.n_vertices) % columns) > columns // 2
+    regions = Regions(right.astype(int), mesh, "both")
+    lift = [np.tile([0, 0, z], len(m)) for z, m in zip((0.0, step), regions.members, strict=True)]
+    lift[0][2::3] = 1e-9
+    model = RegionModel.from_bases(regions, np.zeros(3 * mesh.n_vertices), [r[None] for r in lift])
+    return model, mesh
+
+
+def along(model, mesh):
+    """Height of the middle row, copies at their full lift."""
+    z = model.blend(np.ones((1, model.n_coefficients_))).reshape(-1, 3)[:, 2]
+    middle = mesh.vertices[:, 1] == np.median(mesh.vertices[:, 1])
+    return z[middle]
+
+
+def test_the_gradient_blend_spreads_a_step_that_the_mean_leaves():
+    model, mesh = two_halves()
+    step = np.diff(along(model, mesh))
+    spread = np.diff(along(model.set_params(blending="gradient"), mesh))
+    assert step.max() == pytest.approx(0.5)  # two steps, beside the band that both hold
+    assert (spread > 0).all()  # a ramp, without overshoot
+    assert spread.max() < 0.25 * step.max()
+    # far away each side is what its region wants: what is left of the half step falls to 1/e
+    # with every reach
+    far = np.abs(mesh.vertices[:21, 0] - 50) >= 45
+    z = along(model, mesh)[far]
+    np.testing.assert_allclose(z, np.round(z), atol=0.5 * np.exp(-40 / BLEND_REACH) * 1.5)
+
+
+def test_the_ramp_is_as_wide_in_millimetres_on_a_finer_mesh():
+    coarse, fine = two_halves(21, 7, 5.0), two_halves(41, 13, 2.5)
+    for model, _ in (coarse, fine):
+        model.set_params(blending="gradient")
+    z, z_fine = along(*coarse), along(*fine)[::2]
+    # the shared band, one edge to each side, is wider on the coarse mesh by 5 mm of 20
+    np.testing.assert_allclose(z_fine, z, atol=0.06)
+
+
+@pytest.mark.parametrize("sharing", SHARING)
+def test_both_blends_are_the_same_where_regions_agree(rng, bumpy, sharing):
+    regions = random_regions(bumpy, rng, sharing)
+    shapes = rng.normal(size=(5, 3 * bumpy.n_vertices))
+    bases = [shapes[:, (3 * m[:, None] + np.arange(3)).ravel()] for m in regions.members]
+    model = RegionModel.from_bases(regions, np.zeros(126), bases)
+    Z = np.tile(rng.normal(size=(3, 5)), len(bases))  # the same coefficients everywhere: no gap
+    mean = model.blend(Z)
+    np.testing.assert_allclose(mean, Z[:, :5] @ shapes, atol=1e-12)
+    np.testing.assert_allclose(model.set_params(blending="gradient").blend(Z), mean, atol=1e-9)
+
+
+def test_the_gradient_blend_minimises_its_energy(rng):
+    model, _ = fitted(corner_regions(), rng)
+    mesh = model.regions.mesh
+    zeta = rng.normal(size=model.n_coefficients_)
+    copies = [
+        (B.T @ c).reshape(-1, 3)
+        for B, c in zip(model.components_, literal.split(zeta, literal_bases(model)), strict=True)
+    ]
+    mean = model.blend(zeta[None])[0].reshape(-1, 3)
+    L = mesh.laplacian("cotangent", normalised=False)
+
+    def energy(u):
+        """The sums of the docstring, edge by edge."""
+        E = np.sum(mesh.vertex_areas[:, None] / BLEND_REACH**2 * (u - mean) ** 2)
+        for a, b in mesh.edges:
+            wants = [
+                x[np.searchsorted(m, a)] - x[np.searchsorted(m, b)]
+                for x, m in zip(copies, model.members_, strict=True)
+                if a in m and b in m
+            ]
+            g = np.mean(wants, axis=0) if wants else mean[a] - mean[b]
+            E += max(-L[a, b], 0) * np.sum((u[a] - u[b] - g) ** 2)
+        return E
+
+    u = model.set_params(blending="gradient").blend(zeta[None])[0].reshape(-1, 3)
+    assert np.abs(u - mean).max() > 0.01
+    for size in (1e-3, 1.0):
+        for _ in range(5):
+            assert energy(u + size * rng.normal(size=u.shape)) > energy(u)
+
+
+def test_the_gradient_blend_moves_no_volume(rng):
+    model, _ = fitted(corner_regions(), rng)
+    area = np.repeat(model.regions.mesh.vertex_areas, 3)
+    Z = rng.normal(size=(4, model.n_coefficients_))
+    before = model.blend(Z) * area
+    after = model.set_params(blending="gradient").blend(Z) * area
+    np.testing.assert_allclose(
+        after.reshape(4, -1, 3).sum(axis=1), before.reshape(4, -1, 3).sum(axis=1), atol=1e-8
+    )
+
+
+@pytest.mark.parametrize("blending", ["mean", "gradient"])
+def test_the_blend_is_linear_and_its_rows_are_the_same_map(rng, blending):
+    model, _ = fitted(corner_regions("both"), rng)
+    model.set_params(blending=blending)
+    Z = rng.normal(size=(6, model.n_coefficients_))
+    X = model.blend(Z)
+    np.testing.assert_allclose(model.blend(2 * Z[:1] - Z[1:2]), 2 * X[:1] - X[1:2], atol=1e-10)
+    for vertex in (0, 17, 24):
+        rows = model.blend_rows(vertex)
+        np.testing.assert_allclose(
+            Z @ rows.T, X.reshape(6, -1, 3)[:, vertex], atol=1e-10, err_msg=str(vertex)
+        )
+
+
+def test_a_face_is_posed_with_the_gradient_blend_as_it_is_seen(rng):
+    regions = corner_regions()
+    model = RegionModel(regions, 4, blending="gradient")
+    model.fit(bumps(regions.mesh, regions.labels, rng))
+    session = PosingSession(model, regions.mesh)
+    start = regions.mesh.vertices
+    for vertex in (24, 8):  # beside a boundary, and within a region
+        before = session.vertices
+        session.press(vertex)
+        np.testing.assert_allclose(session.vertices, before, atol=1e-12)
+        session.drag(vertex, before[vertex] + [1.0, 2.0, 0.0])
+        dragged = session.vertices
+        session.release()
+        np.testing.assert_allclose(session.vertices, dragged, atol=1e-9)
+    session.hold(25)  # a pin where the vertex is seen changes nothing
+    np.testing.assert_allclose(session.vertices, dragged, atol=1e-9)
+    assert np.abs(dragged - start).max() > 0.5
+    session.reset()
+    np.testing.assert_allclose(session.vertices, start, atol=1e-12)
+
+
+def test_a_whole_face_has_nothing_to_blend(rng):
+    X = rng.normal(size=(30, 27))
+    one = RegionModel(None, 4).fit(X)
+    rebuilt = one.reconstruct(X)
+    np.testing.assert_array_equal(one.set_params(blending="gradient").reconstruct(X), rebuilt)
+
+
+def test_the_gradient_blend_bears_obtuse_triangles_and_lone_vertices(rng):
+    flat = disk_mesh(3, 8)
+    V = np.vstack([flat.vertices * [1, 0.1, 1], [[9, 9, 9]]])  # slivers, and a vertex without faces
+    mesh = TriangleMesh(V, flat.faces)
+    regions = Regions((V[:, 0] > 0).astype(int), mesh)
+    X = rng.normal(size=(30, 3 * len(V)))
+    model = RegionModel(regions, 4, blending="gradient").fit(X)
+    assert np.isfinite(model.reconstruct(X)).all()
+
+
+# --- frames in blocks -----------------------------------------------------------------------------
+
+
+def in_blocks(X, size=17):
+    return [X[i : i + size] for i in range(0, len(X), size)]
+
+
+@pytest.mark.parametrize("kind", [list, "function", "memmap", "float32"])
+def test_frames_in_blocks_give_the_model_of_all_at_once(rng, tmp_path, kind, monkeypatch):
+    monkeypatch.setattr(components_module, "BLOCK_BYTES", 135 * 8 * 20)
+    regions, X = uneven(rng)
+    X = X + 300.0  # far from zero, where careless sums lose digits
+    settings = dict(n_components=6, spread="total")
+    model = RegionModel(regions, **settings)
+    if kind is list:
+        model.fit_blocks(in_blocks(X), progress=False)
+    elif kind == "function":
+        model.fit_blocks(lambda: (b for b in in_blocks(X)), progress=False)
+    else:
+        dtype = np.float32 if kind == "float32" else np.float64
+        stored = np.memmap(tmp_path / "frames", dtype, "w+", shape=X.shape)
+        stored[:] = X
+        model.fit(stored)
+    whole = RegionModel(regions, **settings).fit(X.astype(np.float32) if kind == "float32" else X)
+    assert model.n_components_.tolist() == whole.n_components_.tolist()
+    # one-pass sums against sums about the mean: rounding of a shift of 300 mm, in float32 2e-5
+    atol = 1e-3 if kind == "float32" else 1e-9
+    np.testing.assert_allclose(model.mean_, whole.mean_, atol=atol)
+    np.testing.assert_allclose(model.reconstruct(X), whole.reconstruct(X), atol=10 * atol)
+
+
+def test_a_share_of_the_variance_is_found_in_blocks_too(rng):
+    regions, X = uneven(rng)
+    model = RegionModel(regions, 0.9).fit_blocks(in_blocks(X), progress=False)
+    assert model.n_components_.tolist() == RegionModel(regions, 0.9).fit(X).n_components_.tolist()
+
+
+def test_one_pass_is_enough_for_narrow_regions_so_a_generator_will_do(rng):
+    X = rng.normal(size=(60, 30))
+    model = HolisticModel(4).fit_blocks((b for b in in_blocks(X)), progress=False)
+    np.testing.assert_allclose(
+        model.components_[0], HolisticModel(4).fit(X).components_[0], atol=1e-9
+    )
+
+
+def wide_frames(rng, n_frames=200, n_features=240, noise=0.01):
+    """Ten strong modes and faint noise; wider than what the tests call wide."""
+    strong = rng.normal(size=(n_frames, 10)) * np.geomspace(10, 1, 10)
+    modes = np.linalg.qr(rng.normal(size=(n_features, 10)))[0].T
+    return strong @ modes + noise * rng.normal(size=(n_frames, n_features)) + 5.0
+
+
+@pytest.mark.parametrize(("passes", "tolerance"), [(2, 1e-3), (3, 1e-7), (4, 1e-11)])
+def test_wide_regions_get_their_modes_from_few_passes(rng, monkeypatch, passes, tolerance):
+    # each pass multiplies what is missing by the ratio of noise to modes in variance
+    monkeypatch.setattr(components_module, "LARGEST_EXACT", 100)
+    X = wide_frames(rng)
+    n, mean, (B,), (v,) = components_of_blocks(
+        lambda: in_blocks(X), lambda n: [np.arange(n)], 10, passes=passes, progress=False
+    )
+    exact = principal_components(X, 10)
+    assert n == 200
+    np.testing.assert_allclose(mean, exact[0], atol=1e-12)
+    np.testing.assert_allclose(B @ B.T, np.eye(10), atol=1e-12)
+    np.testing.assert_allclose(v, exact[2], rtol=tolerance)
+    cosines = np.linalg.svd(B @ exact[1].T)[1]
+    assert 1 - cosines.min() < tolerance
+
+
+def test_a_wide_model_is_the_same_at_every_run_and_follows_its_seed(rng, monkeypatch):
+    monkeypatch.setattr(components_module, "LARGEST_EXACT", 100)
+    X = wide_frames(rng, noise=0.3)
+    one, two, other = (
+        HolisticModel(12, seed).fit_blocks(in_blocks(X), progress=False) for seed in (0, 0, 1)
+    )
+    np.testing.assert_array_equal(one.components_[0], two.components_[0])
+    assert not np.array_equal(one.components_[0], other.components_[0])
+
+
+def test_a_wide_array_in_memory_is_found_by_passes_too(rng, monkeypatch):
+    exact = HolisticModel(8).fit(X := wide_frames(rng))
+    for module in (components_module, __import__("facelab.models", fromlist=["x"])):
+        monkeypatch.setattr(module, "LARGEST_EXACT", 100)
+    passed = HolisticModel(8).fit(X)
+    assert not np.array_equal(passed.components_[0], exact.components_[0]), "another road"
+    np.testing.assert_allclose(passed.reconstruct(X), exact.reconstruct(X), atol=1e-8)
+
+
+def test_a_private_copy_of_a_mapped_file_keeps_its_changes(rng, tmp_path):
+    np.memmap(tmp_path / "frames", float, "w+", shape=(50, 12))[:] = rng.normal(size=(50, 12))
+    private = np.memmap(tmp_path / "frames", float, "c", shape=(50, 12))
+    private[:, 0] = 9.0
+    HolisticModel(2).fit(private)
+    assert (private[:, 0] == 9.0).all()
+    assert sum(len(b) for b in row_blocks(private[::2])) == 25
+
+
+def test_training_that_is_stopped_leaves_the_model_as_it_was(rng):
+    X = rng.normal(size=(60, 30))
+    model = HolisticModel(4).fit(X)
+    before = model.components_[0].copy()
+
+    def stopped():
+        yield 5 * X[:20]
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        model.fit_blocks(stopped, progress=False)
+    np.testing.assert_array_equal(model.components_[0], before)
+    assert model.reconstruct(X).shape == X.shape
+
+
+@pytest.mark.parametrize(
+    ("blocks", "message"),
+    [
+        ([], "0 frames"),
+        ([np.zeros((1, 30))], "1 frames"),
+        ([np.zeros((5, 30)), np.zeros((5, 33))], r"needs shape \(n_frames, 30\)"),
+        ([np.zeros((5, 30)), np.full((5, 30), np.nan)], "NaN"),
+        ([np.zeros((3, 30))], "3 frames .* allow 1 to 2"),
+        ([np.zeros(30)], "shape"),
+    ],
+)
+def test_blocks_that_teach_nothing_are_refused(blocks, message):
+    with pytest.raises(ValueError, match=message):
+        HolisticModel(4).fit_blocks(blocks, progress=False)
+
+
+def test_wide_regions_ask_for_blocks_that_come_again_and_a_number_of_modes(rng, monkeypatch):
+    for module in (components_module, __import__("facelab.models", fromlist=["x"])):
+        monkeypatch.setattr(module, "LARGEST_EXACT", 100)
+    X = wide_frames(rng)
+    with pytest.raises(ValueError, match="200 and then 0 frames"):
+        HolisticModel(4).fit_blocks(iter(in_blocks(X)), progress=False)
+    with pytest.raises(ValueError, match=r"n_components=0.9 is a share.*240 coordinates"):
+        HolisticModel(0.9).fit_blocks(in_blocks(X), progress=False)
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def saved(model, tmp_path):
+    model.save(tmp_path / "model.npz")
+    return load_model(tmp_path / "model.npz")
+
+
+@pytest.mark.parametrize("sharing", SHARING)
+def test_a_model_comes_back_from_its_file_to_the_bit(rng, bumpy, tmp_path, sharing):
+    regions = random_regions(bumpy, rng, sharing)
+    X = rng.normal(size=(40, 126))
+    model = RegionModel(regions, 0.7, 0.2, "total", "gradient").fit(X)
+    back = saved(model, tmp_path)
+    assert type(back) is RegionModel
+    same = {k: v for k, v in model.get_params().items() if k != "regions"}
+    assert {k: v for k, v in back.get_params().items() if k != "regions"} == same
+    np.testing.assert_array_equal(back.transform(X), model.transform(X))
+    np.testing.assert_array_equal(back.reconstruct(X), model.reconstruct(X))
+    assert all(map(np.array_equal, back.variances_, model.variances_))
+    np.testing.assert_array_equal(back.regions.labels, regions.labels)
+    np.testing.assert_array_equal(back.regions.mesh.vertices, bumpy.vertices)
+    np.testing.assert_array_equal(back.regions.mesh.faces, bumpy.faces)
+    assert back.regions.mesh.landmarks == bumpy.landmarks
+    np.testing.assert_array_equal(back.truncated(5).boundary_, model.truncated(5).boundary_)
+
+
+def test_regions_carried_to_a_dense_mesh_come_back_too(rng, tmp_path):
+    mesh, labels = quarters(9, 8)
+    samples, small = mesh.subsample(30)
+    control = Regions(labels[samples], small, "both", 2)
+    model = RegionModel(control.carried_to(mesh, samples), 2).fit(rng.normal(size=(20, 216)))
+    back = saved(model, tmp_path).regions
+    assert (back.sharing, back.rings) == ("both", 2)
+    np.testing.assert_array_equal(back.held, model.regions.held)
+    np.testing.assert_array_equal(back.samples, samples)
+
+
+def test_models_without_regions_or_variances_come_back(rng, tmp_path):
+    X = rng.normal(size=(20, 18))
+    whole = saved(HolisticModel(3).fit(X), tmp_path)
+    assert type(whole) is HolisticModel
+    given = saved(RegionModel.from_bases(None, np.ones(18), [rng.normal(size=(2, 18))]), tmp_path)
+    assert given.variances_ is None
+    assert given.mean_.tolist() == [1.0] * 18
+
+
+def test_a_model_that_learned_nothing_is_not_saved(tmp_path):
+    with pytest.raises(NotFittedError):
+        RegionModel().save(tmp_path / "model.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_damaged_newer_and_foreign_files_are_refused_by_name(rng, tmp_path):
+    path = tmp_path / "model.npz"
+    model, _ = fitted(corner_regions(), rng)
+    model.save(path)
+    kind, version = "linear-face-model", 1
+    arrays = load_npz(path, kind, version)
+    save_npz(tmp_path / "newer.npz", kind, version + 1, **arrays)
+    save_npz(tmp_path / "other.npz", "rig", version, **arrays)
+    save_npz(tmp_path / "part.npz", kind, version, mean=arrays["mean"])
+    few = {**arrays, "components": arrays["components"][:-5]}
+    save_npz(tmp_path / "few.npz", kind, version, **few)
+    nan = {**arrays, "components": np.nan * arrays["components"]}
+    save_npz(tmp_path / "nan.npz", kind, version, **nan)
+    whole = path.read_bytes()
+    (tmp_path / "cut.npz").write_bytes(whole[: len(whole) // 2])
+    for name, message in {
+        "newer": "version 2",
+        "other": "'rig'",
+        "part": "do not fit together",
+        "few": "do not fit together",
+        "nan": "do not fit together",
+        "cut": "not a readable",
+    }.items():
+        with pytest.raises(ValueError, match=rf"{name}\.npz.*{message}"):
+            load_model(tmp_path / f"{name}.npz")
+    with pytest.raises(FileNotFoundError, match="absent"):
+        load_model(tmp_path / "absent.npz")

@@ -1,3 +1,5 @@
+import weakref
+
 import literal
 import numpy as np
 import pytest
@@ -10,7 +12,8 @@ from sklearn.decomposition import PCA
 from facelab.deformation import bind
 from facelab.mesh import TriangleMesh
 from facelab.models import HolisticModel, RegionModel
-from facelab.posing import REFERENCE_VERTICES, PoseSolver, PosingSession
+from facelab.motion import MotionSequence
+from facelab.posing import REFERENCE_VERTICES, STIFFNESS, PoseSolver, PosingSession, mirror_map
 from facelab.segmentation import Regions
 
 
@@ -601,7 +604,7 @@ FAILING = {
     "unknown vertex": (lambda s, _: s.drag(42, [0.0, 0, 0]), ValueError, "vertex=42"),
     "negative vertex": (lambda s, _: s.press(-1), ValueError, "vertex=-1"),
     "half a vertex": (lambda s, _: s.press(1.5), TypeError, "vertex=1.5"),
-    "no vertex": (lambda s, _: s.handle(42), ValueError, "vertex=42"),
+    "no vertex": (lambda s, _: s.hold(42), ValueError, "vertex=42"),
     "beta": (lambda s, _: s.set(beta=-1, gamma=1.0), ValueError, "beta=-1"),
     "gamma": (lambda s, _: s.set(beta=1.0, gamma=0), ValueError, "gamma=0"),
     "text": (lambda s, _: s.set(gamma="small"), TypeError, "gamma='small'"),
@@ -666,37 +669,44 @@ def test_control_vertices_of_a_bound_face_go_where_the_control_face_goes(bound):
         np.testing.assert_allclose(moved[samples], expected, atol=1e-9)
 
 
-def test_a_dense_pin_snaps_to_its_handle(bound):
-    v = int(np.flatnonzero(bound.neutral.vertices[:, 0] == 3.0)[5])
-    handle = bound.handle(v)
-    assert handle != v
-    assert handle in bound.binding.samples
-    assert bound.handle(handle) == handle
-    bound.drag(v, bound.neutral.vertices[v] + [0.0, 0, 4])
+def between(bound):
+    """A vertex of the dense face that is no control vertex, far from any border."""
+    return int(np.setdiff1d(np.arange(304), bound.binding.samples)[100])
+
+
+def test_a_pin_between_control_vertices_holds_that_very_vertex(bound):
+    v = between(bound)
+    target = bound.neutral.vertices[v] + [1.0, 2, 3]
+    bound.drag(v, target)
     bound.release()
-    assert set(bound.pins) == {handle}
-    np.testing.assert_allclose(
-        bound.pins[handle], bound.neutral.vertices[handle] + [0, 0, 4], atol=1e-12
-    )
+    assert set(bound.pins) == {v}
+    np.testing.assert_allclose(bound.pins[v], target, atol=1e-12)
+    bound.set(beta=0, gamma=1e-7)  # nothing else resists: what is pinned goes where it should
+    np.testing.assert_allclose(bound.vertices[v], target, atol=1e-3)
 
 
-def test_the_neighbour_of_a_handle_pulled_by_nothing_moves_nothing_in_any_pose(bound):
+def test_a_dense_pin_is_a_row_of_the_binding_times_the_basis(rng, bound):
+    solver, c = bound._solver, rng.normal(size=20)
+    shown = solver.shown(c)[0]
+    for v in (between(bound), int(bound.binding.samples[8])):
+        np.testing.assert_allclose(solver.seen(v) @ c, shown[v], atol=1e-12)
+
+
+def test_a_dense_vertex_pulled_by_nothing_moves_nothing_in_any_pose(bound):
     pull(bound, int(bound.binding.samples[8]), [5.0, 3, 4])
     before = bound.vertices
-    pinned = set(bound.pins)
     for v in range(0, bound.neutral.n_vertices, 17):
-        if bound.handle(v) not in pinned:
+        if v not in bound.pins:
             bound.drag(v, before[v])
             np.testing.assert_allclose(bound.vertices, before, atol=1e-9)
             bound.cancel()
 
 
-def test_pulling_a_neighbour_pulls_the_handle_by_as_much(bound):
-    pull(bound, int(bound.binding.samples[8]), [5.0, 3, 4])
-    v = int(np.setdiff1d(np.arange(304), bound.binding.samples)[100])
-    handle, start = bound.handle(v), bound.vertices
-    bound.drag(v, start[v] + [1.0, 2, 3])
-    np.testing.assert_allclose(bound.pins[handle], start[handle] + [1, 2, 3], atol=1e-9)
+def test_pins_on_copies_are_blended_between_control_vertices(bound):
+    copies = PosingSession(bound.model, bound.neutral, binding=bound.binding, shared_pins="copies")
+    for session in (bound, copies):
+        pull(session, between(bound), [1.0, 2, 3])
+    np.testing.assert_allclose(copies.vertices, bound.vertices, atol=1e-9)
 
 
 def test_pressing_a_bound_face_anywhere_changes_nothing(bound):
@@ -878,3 +888,745 @@ def test_nine_pins_in_ten_are_answered_alike_at_every_density(densities, n):
     assert (np.abs(np.median(change, axis=0)) < 0.05).all()
     # two samplings of about 397 vertices differ by more than 10 % in up to one pin in ten
     assert (np.mean(np.abs(change) < 0.1, axis=0) > 0.85).all()
+
+
+@pytest.mark.real
+def test_a_pin_on_any_dense_vertex_of_the_real_face_holds_it(rng, face, real_rig):
+    model = RegionModel(face.regions, 20).fit(face.X)
+    dense = real_rig.neutral
+    session = PosingSession(model, dense, 0, 1e-6, binding=bind(dense, face.samples))
+    for v in rng.choice(dense.n_vertices, 12, replace=False).tolist():
+        session.reset()
+        pull(session, v, [0.5, 1.0, 1.0])
+        # a millimetre and a half, within what any vertex can do
+        assert np.linalg.norm(session.vertices[v] - session.pins[v]) < 0.1
+
+
+# --- pins: locked, weighted, moved, mirrored ------------------------------------------------------
+
+
+def test_a_weight_counts_like_as_many_pins(rng, model):
+    solver, targets = PoseSolver(model), rng.normal(size=(2, 3))
+    c_0, molded = rng.normal(size=(2, 20))
+    weighted = solver.problem([3, 20], [3, 1]).solve(targets, c_0, molded)
+    thrice = solver.problem([3, 3, 3, 20]).solve(targets[[0, 0, 0, 1]], c_0, molded)
+    np.testing.assert_allclose(weighted, thrice, atol=1e-9)
+
+
+def test_a_heavier_pin_comes_nearer_to_its_target(session, regions):
+    session.set_pin(3, regions.mesh.vertices[3] + [3.0, 0, 0])
+    gaps = []
+    for weight in (0.1, 1, 10, 100):
+        session.set_pin(3, weight=weight)
+        gaps.append(np.linalg.norm(session.vertices[3] - session.pins[3]))
+    assert (np.diff(gaps) < 0).all()
+    assert session.pin_weights == {3: 100.0}
+    session.set_pin(3, weight=1)
+    assert dict(session.state.weights) == {}
+
+
+def test_a_pin_set_is_a_pin_dragged(session, model, regions):
+    target = regions.mesh.vertices[8] + [1.0, 2, 3]
+    session.set_pin(8, target)
+    dragged = PosingSession(model, regions.mesh)
+    dragged.drag(8, target)
+    dragged.release()
+    np.testing.assert_array_equal(session.vertices, dragged.vertices)
+
+
+def test_a_locked_pin_is_not_moved_or_removed_until_unlocked(session):
+    pull(session, 3, [2.0, 1, 0])
+    session.set_pin(3, locked=True)
+    assert session.locked == {3}
+    before = story(session)
+    for action in (
+        lambda: session.press(3),
+        lambda: session.drag(3, [0.0, 0, 0]),
+        lambda: session.remove_pin(3),
+        lambda: session.set_pin(3, [0.0, 0, 0]),
+    ):
+        with pytest.raises(ValueError, match="vertex=3 is a locked pin; unlock it first"):
+            action()
+        assert_same_story(session, before)
+    session.set_pin(3, locked=False)
+    session.remove_pin(3)
+    assert session.pins == {} and session.locked == set()
+
+
+def test_resets_take_locked_pins_away_with_their_weights(session):
+    pull(session, 3, [2.0, 1, 0])
+    session.set_pin(3, weight=5, locked=True)
+    session.reset()
+    assert session.pins == {} and session.locked == set() and session.pin_weights == {}
+
+
+@pytest.mark.parametrize("weight", [0, -1, np.nan])
+def test_a_weight_that_cannot_be_is_refused(session, weight):
+    before = story(session)
+    with pytest.raises(ValueError, match="weight="):
+        session.set_pin(3, weight=weight)
+    assert_same_story(session, before)
+
+
+# --- both sides of the face -----------------------------------------------------------------------
+
+
+@pytest.fixture
+def twin(rng):
+    """A session whose holistic model is symmetric, on a symmetric face."""
+    mesh = grid_mesh(7, 6, 10.0)
+    partners = mirror_map(mesh)
+    X = rng.normal(size=(30, 42, 3))
+    both = np.concatenate([X, X[:, partners] * [-1, 1, 1]])
+    return PosingSession(HolisticModel(59).fit(both.reshape(60, -1)), mesh)
+
+
+def test_partners_are_reflections_of_each_other(rng):
+    mesh = grid_mesh(7, 6, 10.0)
+    V = mesh.vertices + [12.3, 4, 5]  # the midline need not be x = 0
+    partners = mirror_map(TriangleMesh(V, mesh.faces))
+    row, column = np.divmod(np.arange(42), 7)
+    np.testing.assert_array_equal(partners, 7 * row + 6 - column)
+
+
+def test_partners_are_found_on_a_face_that_is_nearly_symmetric(rng):
+    mesh = grid_mesh(7, 6, 10.0)
+    V = mesh.vertices + rng.normal(scale=0.7, size=(42, 3))
+    row, column = np.divmod(np.arange(42), 7)
+    np.testing.assert_array_equal(mirror_map(TriangleMesh(V, mesh.faces)), 7 * row + 6 - column)
+
+
+def test_a_vertex_without_a_counterpart_has_no_partner():
+    mesh = grid_mesh(7, 6, 10.0)
+    V = mesh.vertices.copy()
+    V[8] += [0, 0, 40]
+    partners = mirror_map(TriangleMesh(V, mesh.faces), tolerance=5)
+    assert set(np.flatnonzero(partners < 0)) == {8, 12}
+    with pytest.raises(ValueError, match="tolerance=0"):
+        mirror_map(mesh, tolerance=0)
+
+
+@pytest.mark.real
+def test_the_real_face_has_a_partner_for_every_vertex(real_rig):
+    face = real_rig.neutral
+    partners = mirror_map(face)
+    assert (partners >= 0).all()
+    for name in ("mouth_corner", "eye_{}_outer", "brow_{}_3", "jaw_{}_4"):
+        left, right = (
+            face.landmarks[name.format(s) if "{" in name else f"{name}_{s}"]
+            for s in ("left", "right")
+        )
+        assert np.linalg.norm(face.vertices[partners[left]] - face.vertices[right]) < 3
+
+
+def test_a_symmetric_drag_of_a_symmetric_model_stays_symmetric(twin):
+    twin.symmetric = True
+    pull(twin, 8, [2.0, 1, 3])
+    x = twin.vertices - twin.neutral.vertices
+    np.testing.assert_allclose(x[twin.partners] * [-1, 1, 1], x, atol=1e-9)
+    assert set(twin.pins) == {8, 12}
+    np.testing.assert_allclose(twin.pins[12] - twin.neutral.vertices[12], [-2.0, 1, 3], atol=1e-12)
+
+
+def test_a_symmetric_drag_shows_at_once_what_it_ends_in(twin, rng):
+    pull(twin, 3, [1.0, 2, 0])
+    pull(twin, 20, [1.0, 2, 0])
+    twin.symmetric = True
+    D = twin.press(8)
+    before = twin.vertices
+    twin.drag(8, before[8] + [2.0, -1, 1])
+    shown = twin.vertices
+    np.testing.assert_allclose(shown, before + D @ [2.0, -1, 1], atol=1e-9)
+    twin.release()
+    np.testing.assert_allclose(twin.vertices, shown, atol=1e-9)
+    assert len(twin._past) == 4
+    twin.undo()
+    np.testing.assert_allclose(twin.vertices, before, atol=1e-9)
+
+
+def test_a_symmetric_press_moves_nothing_in_an_asymmetric_pose(session):
+    pull(session, 3, [3.0, 2, 0])
+    session.symmetric = True
+    before = session.vertices
+    session.press(8)
+    np.testing.assert_allclose(session.vertices, before, atol=1e-9)
+
+
+def test_a_vertex_on_the_midline_keeps_to_it(twin):
+    twin.symmetric = True
+    pull(twin, 10, [5.0, 1, 2])
+    np.testing.assert_allclose(twin.pins[10] - twin.neutral.vertices[10], [0.0, 1, 2], atol=1e-12)
+
+
+def test_a_locked_partner_stays_when_the_other_side_is_pulled(twin):
+    twin.set_pin(12, locked=True)
+    target = twin.pins[12]
+    twin.symmetric = True
+    pull(twin, 8, [2.0, 1, 3])
+    np.testing.assert_array_equal(twin.pins[12], target)
+
+
+def test_a_mirrored_pin_has_the_mirrored_target_and_the_weight(twin):
+    pull(twin, 8, [2.0, 1, 3])
+    twin.set_pin(8, weight=4)
+    twin.mirror_pin(8)
+    np.testing.assert_allclose(twin.pins[12] - twin.neutral.vertices[12], [-2.0, 1, 3], atol=1e-12)
+    assert twin.pin_weights == {8: 4.0, 12: 4.0}
+
+
+def test_a_pin_that_cannot_be_mirrored_says_why(twin):
+    with pytest.raises(ValueError, match="8 is not pinned"):
+        twin.mirror_pin(8)
+    twin.hold(10)
+    with pytest.raises(ValueError, match="vertex=10 has no partner"):
+        twin.mirror_pin(10)
+    twin.hold(8)
+    twin.set_pin(12, locked=True)
+    with pytest.raises(ValueError, match="vertex=12 is a locked pin"):
+        twin.mirror_pin(8)
+
+
+def test_a_mirrored_pose_is_the_pose_left_for_right(twin):
+    pull(twin, 8, [2.0, 1, 3])
+    x = twin.vertices - twin.neutral.vertices
+    twin.mirror()
+    mirrored = twin.vertices - twin.neutral.vertices
+    np.testing.assert_allclose(mirrored, x[twin.partners] * [-1, 1, 1], atol=1e-8)
+    assert twin.pins == {}
+    twin.mirror()
+    np.testing.assert_allclose(twin.vertices - twin.neutral.vertices, x, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("partners", "message"),
+    [
+        (np.zeros(41, dtype=int), r"partners has shape \(41,\)"),
+        (np.zeros(42), "partners has shape"),
+        (np.zeros(42, dtype=int), "both ways"),
+        (np.full(42, 42), "both ways"),
+    ],
+)
+def test_partners_that_cannot_be_are_refused(model, regions, partners, message):
+    with pytest.raises(ValueError, match=message):
+        PosingSession(model, regions.mesh, partners=partners)
+
+
+def test_a_face_without_partners_cannot_be_mirrored_but_dragged(model, regions):
+    session = PosingSession(model, regions.mesh, partners=np.full(42, -1))
+    session.symmetric = True
+    pull(session, 8, [1.0, 0, 0])
+    assert set(session.pins) == {8}
+    with pytest.raises(ValueError, match="42 vertices have no mirrored partner, the first 0"):
+        session.mirror()
+
+
+# --- molding without pins -------------------------------------------------------------------------
+
+
+def test_molding_is_equation_9_without_pins(rng, session, model, regions):
+    session.mold(1, 2, 2.0)
+    c_0 = np.zeros(20)
+    c_0[7] = 2 * np.sqrt(model.variances_[1][2])
+    theirs = literal_solution(model, {}, c_0, 0.5, 0.025)
+    np.testing.assert_allclose(session.coefficients, theirs, atol=1e-9)
+
+
+def test_with_a_relaxed_beta_and_a_raised_gamma_a_mold_stays_whole(session, model, regions):
+    session.set(beta=0, gamma=1.0)
+    session.mold(0, 1, -1.5)
+    expected = np.zeros(20)
+    expected[1] = -1.5 * np.sqrt(model.variances_[0][1])
+    np.testing.assert_allclose(session.coefficients, expected, atol=1e-12)
+    moved = np.abs(session.vertices - regions.mesh.vertices).max(axis=1) > 0
+    np.testing.assert_array_equal(np.flatnonzero(moved), np.sort(model.members_[0]))
+
+
+def test_a_mold_takes_its_neighbours_along_the_more_the_larger_beta_is(session, regions):
+    far = np.setdiff1d(np.arange(42), regions.members[0])
+    moved = []
+    for beta in (0, 0.05, 0.5):
+        session.set(beta=beta)
+        session.mold(0, 0, 2.0)
+        moved.append(np.abs(session.vertices - regions.mesh.vertices)[far].sum())
+    assert moved[0] == 0
+    assert (np.diff(moved) > 0).all()
+
+
+def test_sliders_stay_where_they_were_set_whatever_else_is_done(session):
+    session.mold(0, 1, 1.5)
+    session.mold(2, 3, -2.0)
+    pull(session, 8, [1.0, 2, 0])
+    session.set(beta=4.0)
+    np.testing.assert_allclose(session.mold_values(0), [0, 1.5, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(session.mold_values(2), [0, 0, 0, -2, 0], atol=1e-12)
+    session.undo()
+    session.undo()
+    session.undo()
+    assert (session.mold_values(2) == 0).all()
+
+
+def test_a_kept_mold_moves_the_sliders_to_the_pose(session, model):
+    session.mold(0, 1, 1.5)
+    session.keep()
+    sd = np.sqrt(model.variances_[0])
+    np.testing.assert_allclose(session.mold_values(0), session.coefficients[:5] / sd, atol=1e-12)
+
+
+def test_a_region_put_back_is_neutral_and_its_pins_are_gone(session, regions):
+    session.mold(1, 0, 2.0)
+    pull(session, int(np.flatnonzero(regions.labels == 1)[2]), [1.0, 2, 0])
+    session.keep()
+    session.hold(int(np.flatnonzero(regions.labels == 1)[0]))
+    other = int(np.flatnonzero(regions.labels == 2)[-1])
+    session.hold(other)
+    session.reset_region(1)
+    assert set(session.pins) == {other}
+    assert (session.mold_values(1) == 0).all()
+    own = np.setdiff1d(np.flatnonzero(regions.labels == 1), np.flatnonzero(regions.holders > 1))
+    session.remove_pin(other)
+    np.testing.assert_allclose(session.vertices[own], regions.mesh.vertices[own], atol=1e-9)
+    assert np.abs(session.coefficients).max() > 0.1, "the others stay"
+
+
+def test_a_mold_not_yet_kept_is_put_back_too(session, regions):
+    session.mold(1, 0, 2.0)
+    session.reset_region(1)
+    np.testing.assert_array_equal(session.vertices, regions.mesh.vertices)
+    assert (session.mold_values(1) == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        ((4, 0, 1.0), "region=4, but there are 4 regions"),
+        ((0, 5, 1.0), "component=5, but there are 5 components"),
+        ((0, 0, np.inf), "value=inf"),
+    ],
+)
+def test_a_mold_that_cannot_be_is_refused(session, call, message):
+    before = story(session)
+    with pytest.raises(ValueError, match=message):
+        session.mold(*call)
+    assert_same_story(session, before)
+    with pytest.raises(ValueError, match="region=4"):
+        session.reset_region(4)
+
+
+def test_a_holistic_model_is_molded_and_put_back_as_region_0(rng, grid):
+    session = PosingSession(HolisticModel(6).fit(rng.normal(size=(40, 90))), grid)
+    session.mold(0, 3, 1.0)
+    assert session.mold_names(0)[3] == "component 4"
+    assert session.mold_ranges(0).shape == (6, 2)
+    session.reset_region(0)
+    np.testing.assert_array_equal(session.vertices, grid.vertices)
+
+
+# --- plausibility and its limit -------------------------------------------------------------------
+
+
+def test_plausibility_is_the_mahalanobis_distance_of_every_region(rng, model, regions):
+    X = rng.normal(size=(50, 126)) + 1
+    session = PosingSession(model, regions.mesh)
+    for x in X[:3]:
+        session.apply(session._solver.encode(x.reshape(1, 42, 3))[0])
+        z = model.transform(x[None])[0]
+        expected = [
+            np.sqrt(np.sum(z[s] ** 2 / v))
+            for s, v in zip(model.slices_, model.variances_, strict=True)
+        ]
+        np.testing.assert_allclose(session.plausibility(), expected, rtol=1e-9)
+
+
+def test_training_is_as_far_as_it_has_modes_on_average(rng):
+    regions = corner_regions("none")  # without shared vertices coefficients are projections
+    X = rng.normal(size=(50, 126))
+    model = RegionModel(regions, 5).fit(X)
+    session = PosingSession(model, regions.mesh)
+    squares = [
+        session._solver.mahalanobis(z - session._solver.neutral) ** 2 for z in model.transform(X)
+    ]
+    np.testing.assert_allclose(np.mean(squares, axis=0), 5 * 49 / 50, rtol=1e-9)
+
+
+def test_plausibility_follows_a_drag_under_way(session, regions):
+    session.drag(8, regions.mesh.vertices[8] + [20.0, 0, 0])
+    held = session.plausibility()
+    session.release()
+    np.testing.assert_allclose(session.plausibility(), held, atol=1e-9)
+    assert held.max() > 5
+
+
+def limited_energy(solver, c, c_0, pins):
+    """Eq. 9 for the change since c_0 and the cost beyond the limit, written down once more."""
+    y, E = c - c_0, 0.0
+    for v, t in pins.items():
+        m = solver.model.holders_[3 * v]
+        E += m * np.sum((t - solver.displacements(c)[0, v]) ** 2)
+    E += y @ solver._at_rest @ y
+    z = np.abs(c + solver.neutral) / solver.deviations
+    return E + STIFFNESS * np.sum(np.maximum(z - solver.limit, 0) ** 2)
+
+
+def test_no_other_coefficients_cost_less_with_the_limit_on(rng, model):
+    solver, rest = PoseSolver(model, limit=1.5), np.zeros(20)
+    # the neutral of this model lies within the limit
+    assert (np.abs(solver.neutral) < 1.5 * solver.deviations).all()
+    pins = {3: np.array([9.0, 1, 0]), 20: np.array([0.0, -8, 2])}
+    best = solver.problem(list(pins)).solve(np.array(list(pins.values())), rest, rest)
+    assert (np.abs(best + solver.neutral) > 1.5 * solver.deviations).any()
+    least = limited_energy(solver, best, rest, pins)
+    for size in (1e-3, 0.1, 3):
+        for _ in range(20):
+            other = best + size * rng.normal(size=20)
+            assert limited_energy(solver, other, rest, pins) > least
+
+
+def test_within_the_limit_nothing_changes(session, regions):
+    pull(session, 8, [0.3, 0, 0.2])
+    before = session.vertices
+    session.set(limit=50)
+    np.testing.assert_allclose(session.vertices, before, atol=1e-9)
+    assert session.limit == 50 and not session.affine
+
+
+def test_a_drag_with_the_limit_on_shows_what_solving_anew_gives(session, regions):
+    session.set(limit=2)
+    assert session.press(8) is None
+    for mm in (1.0, 4, 9, 16, 3):
+        session.drag(8, regions.mesh.vertices[8] + [mm, 0, 0])
+    shown = session.vertices
+    session.release()
+    np.testing.assert_allclose(session.vertices, shown, atol=1e-8)
+
+
+def test_a_kept_pose_beyond_the_limit_stays_until_it_is_pulled(rng, session):
+    session.apply(20 * rng.normal(size=20))
+    before = session.vertices
+    session.set(limit=1)
+    np.testing.assert_allclose(session.vertices, before, atol=1e-9)
+
+
+def test_pressing_with_the_limit_on_changes_nothing(session, regions):
+    pull(session, 3, [15.0, 3, 0])
+    session.keep()
+    session.set(limit=1)
+    pull(session, 30, [0.0, 12, 0])
+    before = session.vertices
+    for v in (0, 5, 8, 15, 20, 25, 35, 40):
+        session.drag(v, session.vertices[v])
+        np.testing.assert_allclose(session.vertices, before, atol=1e-7)
+        session.cancel()
+
+
+def test_however_far_a_drag_goes_the_pose_stays_bounded_with_the_limit_on(session, regions):
+    session.set(limit=3)
+    ends = []
+    for far in (1e2, 1e6, 1e9):
+        session.reset()
+        pull(session, 8, [far, far, 0])
+        ends.append(session.vertices)
+        assert (session.plausibility() < 6 * np.sqrt(5)).all()
+    np.testing.assert_allclose(ends[1], ends[2], atol=1e-3)  # the same way to 1e-5
+    assert np.abs(ends[2] - regions.mesh.vertices).max() < 30
+    session.set(limit=None)
+    pull(session, 8, [1e4, 1e4, 0])
+    assert np.abs(session.vertices - regions.mesh.vertices).max() > 1e3  # extrapolates
+
+
+def test_a_limit_that_cannot_be_is_refused(session, regions):
+    before = story(session)
+    for limit in (0, -1, np.nan):
+        with pytest.raises(ValueError, match="limit="):
+            session.set(limit=limit)
+    assert_same_story(session, before)
+    bases = np.random.default_rng(0).normal(size=(6, 42, 3))
+    given = RegionModel.from_bases(regions, np.zeros(126), bases)
+    with pytest.raises(ValueError, match="knows none"):
+        PosingSession(given, regions.mesh, limit=3)
+    assert PosingSession(given, regions.mesh).plausibility() is None
+
+
+@pytest.mark.real
+def test_the_real_face_is_neither_torn_nor_blown_up_with_the_limit_on(face):
+    session = PosingSession(models(face, 20)[0], face.mesh, limit=3)
+    a, b = face.mesh.edges.T
+    rest = np.linalg.norm(face.mesh.vertices[a] - face.mesh.vertices[b], axis=1)
+    for name in PULLED:
+        session.reset()
+        pull(session, face.mesh.landmarks[name], [300.0, 500, 200])
+        V = session.vertices
+        stretch = np.linalg.norm(V[a] - V[b], axis=1) - rest
+        assert np.linalg.norm(V - face.mesh.vertices, axis=1).max() < 60
+        assert np.abs(stretch).max() < 25  # lips part by more than that
+
+
+# --- many pins ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("limit", [None, 3])
+@pytest.mark.parametrize("gamma", [1e-6, 0.025])
+def test_a_hundred_contradicting_pins_solve_without_a_word(rng, bound, limit, gamma, recwarn):
+    bound.set(limit=limit, gamma=gamma)
+    far = rng.normal(scale=50, size=(100, 3))
+    with bound.group():
+        for v, by in zip(rng.choice(304, 100, replace=False).tolist(), far, strict=True):
+            bound.set_pin(v, bound.neutral.vertices[v] + by)
+    assert len(bound.pins) == 100
+    assert np.isfinite(bound.vertices).all()
+    assert not recwarn.list
+    pins = {v: t - bound.neutral.vertices[v] for v, t in bound.pins.items()}
+    if limit is None:  # a second road: stacked least squares
+        solver = bound._solver
+        J = np.concatenate([solver.rows(v) for v in pins])
+        m = [np.linalg.norm(solver.rows(v)) / np.linalg.norm(solver.seen(v)) for v in pins]
+        t = np.concatenate([k * x for k, x in zip(m, pins.values(), strict=True)])
+        root = np.linalg.cholesky(solver._at_rest).T
+        A, b = np.vstack([J, root]), np.concatenate([t, np.zeros(20)])
+        np.testing.assert_allclose(bound.coefficients, np.linalg.lstsq(A, b)[0], atol=1e-6)
+
+
+# --- undo: groups and no-ops ----------------------------------------------------------------------
+
+
+def test_a_group_is_one_step(session, regions):
+    before = session.state
+    with session.group():
+        pull(session, 3, [2.0, 1, 0])
+        with session.group():
+            session.set(beta=2.0)
+        session.mold(0, 0, 1.0)
+    assert session.n_undo == 1
+    session.undo()
+    assert session.state is before
+    session.redo()
+    assert set(session.pins) == {3} and session.beta == 2.0
+
+
+def test_an_error_in_a_group_takes_all_of_it_back(session):
+    pull(session, 20, [2.0, 1, 0])
+    session.undo()
+    before, log = story(session), list(session.log)
+    with pytest.raises(ValueError, match="beta=-1"), session.group():
+        pull(session, 3, [2.0, 1, 0])
+        session.set(beta=-1)
+    assert_same_story(session, before)
+    assert session.log == log
+
+
+def test_groups_of_one_key_are_one_step_until_something_comes_between(session):
+    for value in (0.1, 0.2, 0.3):
+        with session.group("slider"):
+            session.mold(0, 0, value)
+    assert session.n_undo == 1
+    session.seal()
+    with session.group("slider"):
+        session.mold(0, 0, 0.4)
+    assert session.n_undo == 2
+    with session.group("other"):
+        session.mold(0, 1, 0.4)
+    with session.group("slider"):
+        session.mold(0, 0, 0.5)
+    assert session.n_undo == 4
+    pull(session, 3, [1.0, 0, 0])
+    with session.group("slider"):
+        session.mold(0, 0, 0.6)
+    assert session.n_undo == 6
+    session.undo()
+    np.testing.assert_allclose(session.mold_values(0)[0], 0.5)
+
+
+def test_a_slider_that_comes_back_leaves_no_step(session):
+    pull(session, 3, [1.0, 0, 0])
+    for value in (0.1, 0.2, 0.0):
+        with session.group("slider"):
+            session.mold(0, 0, value)
+    assert session.n_undo == 1
+    with session.group("slider"):
+        session.mold(0, 0, 0.7)
+    assert session.n_undo == 2
+
+
+def test_undo_inside_a_group_is_refused(session):
+    with pytest.raises(RuntimeError, match="outside"), session.group():
+        session.undo()
+    with pytest.raises(RuntimeError, match="outside"), session.group():
+        session.redo()
+
+
+def test_what_changes_nothing_makes_no_step(session, regions):
+    session.keep()
+    session.reset()
+    session.apply(np.zeros(20))
+    session.mold(0, 0, 0.0)
+    session.reset_region(2)
+    session.restore(session.state)
+    session.set_pin(3, regions.mesh.vertices[3])
+    session.set_pin(3, weight=1.0, locked=False)
+    session.set_pin(3)
+    assert session.n_undo == 1  # the pin
+
+
+def test_undo_has_no_end(session, regions):
+    start = session.vertices
+    for k in range(300):
+        session.mold(k % 4, 0, np.sin(k))
+    assert session.n_undo == 300 - 1  # sin(0) moved nothing
+    while session.undo():
+        pass
+    np.testing.assert_array_equal(session.vertices, start)
+    assert session.n_redo == 299
+
+
+# --- those who watch ------------------------------------------------------------------------------
+
+
+def test_observers_hear_of_every_change_once(session, regions):
+    heard = []
+    session.observe(heard.append)
+    session.drag(3, regions.mesh.vertices[3] + [1.0, 0, 0])
+    session.release()
+    assert heard == ["move", "step"]
+    heard.clear()
+    with session.group():
+        session.set(beta=2.0)
+        pull(session, 20, [1.0, 0, 0])
+    session.undo()
+    session.redo()
+    session.symmetric = True
+    session.keep()
+    session.keep()  # changes nothing
+    assert heard == ["step"] * 5 and session.n_undo == 3
+
+
+def test_an_observer_that_is_gone_is_not_kept_alive(session):
+    class View:
+        def __init__(self):
+            self.heard = []
+
+        def follow(self, what):
+            self.heard.append(what)
+
+    view = View()
+    session.observe(view.follow)
+    session.set(beta=2.0)
+    assert view.heard == ["step"]
+    gone = weakref.ref(view)
+    del view
+    assert gone() is None
+    session.set(beta=3.0)
+
+
+# --- poses as numbers, takes ----------------------------------------------------------------------
+
+
+def test_a_pose_read_as_coefficients_and_applied_again_is_the_same(session, model, regions):
+    pull(session, 3, [2.0, 1, 0])
+    pull(session, 20, [0.0, 1, 4])
+    c, pose = session.coefficients, session.vertices
+    other = PosingSession(model, regions.mesh)
+    other.apply(c)
+    np.testing.assert_array_equal(other.vertices, pose)
+    np.testing.assert_array_equal(other.vertices_of(c), pose)
+    assert other.pins == {}
+
+
+def test_a_state_restored_brings_back_pins_and_weights(session):
+    pull(session, 3, [2.0, 1, 0])
+    session.set_pin(3, weight=3, locked=True)
+    state, pose = session.state, session.vertices
+    session.reset()
+    session.set(beta=9)
+    session.restore(state)
+    np.testing.assert_array_equal(session.vertices, pose)
+    assert (session.pin_weights, session.locked, session.beta) == ({3: 3.0}, {3}, 0.5)
+    with pytest.raises(TypeError, match="state is a dict"):
+        session.restore({})
+
+
+def test_coefficients_that_cannot_be_are_refused(session):
+    before = story(session)
+    with pytest.raises(ValueError, match=r"coefficients has shape \(3,\)"):
+        session.apply(np.zeros(3))
+    with pytest.raises(ValueError, match="coefficients holds 1 value"):
+        session.apply(np.r_[np.nan, np.zeros(19)])
+    assert_same_story(session, before)
+
+
+def test_a_take_played_through_the_model_with_the_edit_laid_over(rng, regions):
+    X = rng.normal(size=(12, 3)) @ rng.normal(size=(3, 126))  # the models express it all
+    session = PosingSession(RegionModel(regions, 3).fit(X), regions.mesh)
+    valid = np.arange(12) != 4
+    V = regions.mesh.vertices + X.reshape(12, 42, 3)
+    track = session.encode(MotionSequence(V, 30.0, regions.mesh, valid))
+    assert np.isnan(track[4]).all()
+    np.testing.assert_allclose(session.vertices_of(track[valid]), V[valid], atol=1e-8)
+    pull(session, 3, [1.0, 2, 0])
+    edit = session.vertices - regions.mesh.vertices
+    laid = session.vertices_of(session.overlay(track)[valid])
+    np.testing.assert_allclose(laid, V[valid] + edit, atol=1e-8)
+
+
+def test_a_take_of_the_dense_face_and_of_its_control_are_encoded_alike(rng, bound):
+    control = corner_regions().mesh
+    X = rng.normal(size=(5, 42, 3))
+    dense = np.stack([bound.binding.carry(x) for x in X])
+    one = bound.encode(MotionSequence(control.vertices + X, 30.0, control))
+    two = bound.encode(MotionSequence(bound.neutral.vertices + dense, 30.0, bound.neutral))
+    np.testing.assert_allclose(one, two, atol=1e-9)
+
+
+def test_a_take_of_another_face_is_refused(session, grid):
+    with pytest.raises(ValueError, match="take has 30 vertices, but 42 are posed"):
+        session.encode(MotionSequence(grid.vertices[None], 30.0, grid))
+    with pytest.raises(TypeError, match="take is a str"):
+        session.encode("take")
+
+
+# --- what blending hides --------------------------------------------------------------------------
+
+
+def test_gaps_are_the_distances_of_the_copies_from_what_is_seen(rng, session, model, regions):
+    assert (session.gaps() == 0).all()
+    session.set(beta=0, gamma=1)
+    session.mold(0, 0, 2.0)
+    gap, seen = session.gaps(), session.vertices - regions.mesh.vertices
+    for v in (held_by(regions, 2)[0], held_by(regions, 3)[0]):
+        off = []
+        for vertices, B, s in zip(model.members_, model.components_, model.slices_, strict=True):
+            at = np.flatnonzero(vertices == v)
+            if at.size:
+                copy = (session.coefficients[s] @ B).reshape(-1, 3)[at[0]]
+                off.append(np.linalg.norm(copy - seen[v]))
+        np.testing.assert_allclose(gap[v], max(off), atol=1e-12)
+    assert (gap[held_by(regions, 1)] == 0).all()
+
+
+@pytest.mark.parametrize("blending", ["mean", "gradient"])
+def test_a_pin_holds_what_is_seen_however_regions_are_blended(rng, regions, blending):
+    X = rng.normal(size=(50, 126))
+    model = RegionModel(regions, 5, blending=blending).fit(X)
+    solver, c = PoseSolver(model), rng.normal(size=20)
+    for v in (0, int(held_by(regions, 2)[0]), int(held_by(regions, 3)[0])):
+        np.testing.assert_allclose(solver.seen(v) @ c, solver.displacements(c)[0, v], atol=1e-10)
+    session = PosingSession(model, regions.mesh)
+    pull(session, 3, [2.0, 1, 0])
+    before = session.vertices
+    pull(session, 20, [0.0, 0, 0])
+    np.testing.assert_allclose(session.vertices, before, atol=1e-8)
+
+
+def test_given_bases_answer_a_pin_alike_whatever_their_length(regions, rng):
+    bases = rng.normal(size=(6, 42, 3))
+    ends = []
+    for length in (1, 200):
+        model = RegionModel.from_bases(regions, np.zeros(126), length * bases)
+        session = PosingSession(model, regions.mesh, beta=0)
+        pull(session, 3, [2.0, 1, 0])
+        ends.append(session.vertices)
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)
+
+
+def test_labels_of_a_bound_face_are_those_of_the_nearest_control_vertex(bound):
+    labels = bound.region_labels
+    np.testing.assert_array_equal(labels[bound.binding.samples], bound.regions.labels)
+    assert labels.shape == (304,)

@@ -1,22 +1,31 @@
 import dataclasses
+import math
 
 import literal
 import numpy as np
 import pytest
 from planted import patch_motion, quarters, relabelled
 from shapes import grid_mesh
-from sklearn.cluster import KMeans
+from sklearn.cluster import KMeans, SpectralClustering
+from sklearn.metrics import adjusted_rand_score
 
+from facelab import segmentation
 from facelab.mesh import TriangleMesh
 from facelab.motion import MotionSequence
 from facelab.segmentation import (
+    Likeness,
     Regions,
     affinity,
     compactness,
+    mirror_twins,
     motion_correlation,
+    nearness,
+    renumbered,
     segment_face,
     spectral_clusters,
     spectral_embedding,
+    stability,
+    symmetry,
 )
 
 
@@ -135,6 +144,20 @@ def test_nearness_is_almost_nothing_beyond_fifty_millimetres_at_the_papers_r():
     assert affinity(np.zeros((1, 1)), np.array([[50.0]]), lam=0)[0, 0] < 0.01
 
 
+def test_nearness_is_equation_11(bumpy):
+    G = bumpy.geodesics()
+    expected = [[math.exp(-g / 4) for g in row] for row in G]
+    np.testing.assert_allclose(nearness(G, 4), expected, atol=1e-15)
+
+
+def test_affinity_does_not_write_on_what_it_is_given(rng, bumpy):
+    C_bar, G = motion_correlation(rng.normal(size=(9, bumpy.n_vertices, 3))), bumpy.geodesics()
+    before = C_bar.copy(), G.copy()
+    affinity(C_bar, G)
+    np.testing.assert_array_equal(C_bar, before[0])
+    np.testing.assert_array_equal(G, before[1])
+
+
 def test_affinity_refuses_matrices_of_two_sizes():
     with pytest.raises(ValueError, match="must agree"):
         affinity(np.eye(3), np.zeros((4, 4)))
@@ -215,16 +238,80 @@ def test_too_few_or_too_many_clusters_are_refused(k):
         spectral_clusters(np.ones((4, 4)), k)
 
 
+@pytest.mark.parametrize("k", [2.5, "3", True, None])
+def test_a_number_of_clusters_that_is_no_integer_is_refused(k):
+    with pytest.raises(TypeError, match=f"k={k!r} is not an integer"):
+        spectral_clusters(np.ones((4, 4)), k)
+
+
+@pytest.mark.parametrize("k", [2, 3, 6])
+def test_rows_divided_by_the_degree_are_scikit_learn_s_clusters(rng, k):
+    n = 60
+    truth = rng.integers(k, size=n)
+    A = np.where(truth[:, None] == truth, 0.5, 0.2) * rng.uniform(0.2, 1, size=(n, n))
+    A = (A + A.T) / 2
+    theirs = SpectralClustering(k, affinity="precomputed", n_init=50, random_state=0).fit(A).labels_
+    Y = spectral_embedding(A, k, rows="degree")
+    ours = KMeans(k, n_init=50, random_state=0).fit_predict(Y)
+    assert adjusted_rand_score(theirs, ours) == 1
+
+
+def test_rows_divided_by_the_degree_solve_the_cut_of_shi_and_malik(rng):
+    A = random_affinity(rng)
+    np.fill_diagonal(A, 0)
+    Y = spectral_embedding(A, 3, rows="degree")
+    step = A / A.sum(axis=1, keepdims=True)  # of a random walk: A y = mu D y
+    mu = (Y * (step @ Y)).sum(axis=0) / (Y**2).sum(axis=0)
+    np.testing.assert_allclose(step @ Y, Y * mu, atol=1e-12)
+    assert mu[0] == pytest.approx(1) and mu[0] > mu[1] > mu[2]
+
+
+def test_rows_are_scaled_in_one_of_two_ways():
+    with pytest.raises(ValueError, match="rows='none'"):
+        spectral_embedding(np.ones((4, 4)), 2, rows="none")
+
+
+def test_many_vertices_are_embedded_as_few_are(rng, monkeypatch):
+    V = rng.uniform(0, 90, size=(120, 3))
+    A = np.exp(-np.linalg.norm(V[:, None] - V, axis=2) / 10)
+    dense = spectral_embedding(A, 6)
+    monkeypatch.setattr(segmentation, "_LARGE", 100)
+    np.testing.assert_allclose(spectral_embedding(A, 6), dense, atol=1e-8)
+
+
+def test_renumbered_clusters_are_the_same_and_take_the_names_of_their_counterparts(rng):
+    like = rng.integers(6, size=200)
+    order = rng.permutation(6)
+    labels = order[like].copy()
+    stray = rng.choice(200, size=20, replace=False)
+    labels[stray] = rng.integers(6, size=20)
+    new = renumbered(labels, like)
+    assert adjusted_rand_score(new, labels) == 1
+    untouched = np.setdiff1d(np.arange(200), stray)
+    np.testing.assert_array_equal(new[untouched], like[untouched])
+
+
+@pytest.mark.parametrize(("k", "n_new"), [(3, 0), (8, 3)])
+def test_clusters_without_a_counterpart_take_numbers_of_their_own(k, n_new):
+    like, labels = np.arange(40) % 5, np.arange(40) // 5 % k
+    new = renumbered(labels, like)
+    assert adjusted_rand_score(new, labels) == 1
+    assert sorted(set(new[new >= 5].tolist())) == list(range(5, 5 + n_new))
+
+
 # --- compactness ----------------------------------------------------------------------------------
 
 
 def test_a_cluster_in_two_pieces_is_not_compact():
-    mesh, strip = strips()
-    seen = compactness(np.where(strip == 1, 1, 0), mesh)
+    mesh = grid_mesh(9, 4)
+    column = np.arange(mesh.n_vertices) % 9
+    seen = compactness(np.isin(column, [5, 6]).astype(int), mesh)
     assert seen.pieces == (2, 1)
     assert seen.k == 2
     assert not seen.compact
-    assert "cluster 0 is in 2 pieces" in str(seen)
+    smaller = np.flatnonzero(column > 6).tolist()
+    assert seen.cut_off == ((tuple(smaller),), ())
+    assert "cluster 0 is in 2 pieces (cut off: vertex 7, 8, 16, 17, 25, 26 and 2 more)" in str(seen)
 
 
 def test_clusters_in_one_piece_each_are_compact_even_if_some_vertices_are_loose():
@@ -233,8 +320,8 @@ def test_clusters_in_one_piece_each_are_compact_even_if_some_vertices_are_loose(
     labels[[2, 3]] = 1  # a row of two at the edge: one piece, but no triangle
     seen = compactness(labels, mesh)
     assert seen.pieces == (1, 1)
-    assert seen.loose == (0, 2)
-    assert seen.compact
+    assert seen.loose == ((), (2, 3))
+    assert seen.compact and not seen.formed
     assert "2 vertices without a triangle" in str(seen)
 
 
@@ -246,16 +333,18 @@ def test_pieces_and_loose_vertices_are_those_of_a_search_by_hand(rng):
     for i in range(4):
         rest = set(np.flatnonzero(labels == i).tolist())
         triangles = [f for f in mesh.faces.tolist() if set(f) <= rest]
-        assert seen.loose[i] == len(rest - {v for f in triangles for v in f})
-        pieces = 0
+        assert set(seen.loose[i]) == rest - {v for f in triangles for v in f}
+        pieces = []
         while rest:
-            pieces, reached = pieces + 1, {rest.pop()}
+            piece = reached = {rest.pop()}
             while reached:
-                at = reached.pop()
-                near = {int(v) for e in mesh.edges if at in e for v in e} & rest
-                rest -= near
-                reached |= near
-        assert seen.pieces[i] == pieces
+                reached = {int(v) for e in mesh.edges if reached & set(e) for v in e} & rest
+                rest -= reached
+                piece = piece | reached
+            pieces.append(piece)
+        assert seen.pieces[i] == len(pieces)
+        assert sum(map(len, seen.cut_off[i])) == sum(map(len, pieces)) - max(map(len, pieces))
+        assert all(set(piece) in pieces for piece in seen.cut_off[i])
 
 
 def test_two_triangles_that_meet_in_one_vertex_are_one_piece():
@@ -326,6 +415,7 @@ def test_regions_print_their_number_and_share():
         ({"labels": np.arange(30) - 1}, "smallest -1"),
         ({"sharing": "some"}, "sharing='some'"),
         ({"rings": 0}, "rings=0"),
+        ({"rings": 1.5}, "rings=1.5, but a shared band is a whole number"),
         ({"held": np.zeros((1, 30), dtype=bool)}, "held"),
         ({"held": np.ones((2, 30), dtype=bool)}, "held has shape"),
     ],
@@ -334,6 +424,18 @@ def test_regions_refuse_what_is_no_cut_of_the_mesh(grid, change, message):
     settings = {"labels": np.zeros(30, dtype=int), "mesh": grid, **change}
     with pytest.raises(ValueError, match=message):
         Regions(**settings)
+
+
+def test_a_matrix_in_the_order_of_the_regions_is_in_blocks(rng, bumpy):
+    labels = rng.integers(4, size=bumpy.n_vertices)
+    labels[:4] = range(4)
+    regions = Regions(labels, bumpy)
+    assert sorted(regions.order) == list(range(bumpy.n_vertices))
+    together = (labels[:, None] == labels)[np.ix_(regions.order, regions.order)]
+    ends = np.cumsum(np.bincount(labels))
+    for start, end in zip([0, *ends], ends, strict=False):
+        assert together[start:end, start:end].all()
+        assert not together[start:end, end:].any()
 
 
 # --- carried to a dense mesh ----------------------------------------------------------------------
@@ -447,13 +549,16 @@ def test_a_face_that_cannot_be_cut_in_two_whole_parts_is_one_region(rng):
     regions = quick(motion, lam=1.0)
     assert regions.n_regions == 1
     assert [t.compact for t in regions.tried] == [False]
+    assert regions.why.startswith("Every cluster in one piece up to k = 1, then no more. k =  2")
 
 
 def test_growth_ends_at_the_most_regions_allowed(rng):
     mesh, truth = quarters()
-    regions = quick(patch_motion(mesh, truth, rng), max_regions=3)
+    with pytest.warns(UserWarning, match="every k up to max_regions=3 is compact"):
+        regions = quick(patch_motion(mesh, truth, rng), max_regions=3)
     assert regions.n_regions == 3
     assert len(regions.tried) == 2
+    assert "up to k = 3, the most allowed" in regions.why
 
 
 def test_a_wanted_number_of_regions_is_given_even_if_they_fall_apart(rng):
@@ -462,6 +567,7 @@ def test_a_wanted_number_of_regions_is_given_even_if_they_fall_apart(rng):
     regions = quick(motion, lam=1.0, n_regions=2)
     assert regions.n_regions == 2
     assert not regions.tried[0].compact
+    assert regions.why.startswith("n_regions=2 was asked for. k =  2: cluster 0 is in 2 pieces")
 
 
 def test_a_still_face_is_cut_by_distance_alone():
@@ -494,8 +600,11 @@ def test_sharing_is_passed_on(rng):
         ({"lam": 2}, "lam=2"),
         ({"r": 0}, "r=0"),
         ({"threshold": -1}, "threshold=-1"),
-        ({"n_regions": 0}, "0"),
-        ({"n_regions": 1000}, "1000"),
+        ({"n_regions": 0}, "n_regions=0, but 24 vertices allow 1 to 24"),
+        ({"n_regions": 1000}, "n_regions=1000, but 24 vertices"),
+        ({"max_regions": 0}, "max_regions=0"),
+        ({"reading": "words"}, "reading='words'"),
+        ({"rings": -1, "n_regions": 2}, "rings=-1"),
         ({"sharing": "all", "n_regions": 2}, "sharing='all'"),
     ],
 )
@@ -503,6 +612,70 @@ def test_segmentation_names_the_parameter_out_of_range(rng, bad, message):
     mesh, truth = quarters(6, 4)
     with pytest.raises(ValueError, match=message):
         quick(patch_motion(mesh, truth, rng, n_frames=10), **bad)
+
+
+@pytest.mark.parametrize("n_regions", [2.5, "4", True])
+def test_a_number_of_regions_that_is_no_integer_is_refused(rng, n_regions):
+    mesh, truth = quarters(6, 4)
+    with pytest.raises(TypeError, match=f"n_regions={n_regions!r} is not an integer"):
+        quick(patch_motion(mesh, truth, rng, n_frames=10), n_regions=n_regions)
+
+
+def test_an_array_is_no_motion(rng):
+    with pytest.raises(
+        TypeError, match=r"motion is a ndarray.*MotionSequence\(positions, fps, mesh"
+    ):
+        quick(rng.normal(size=(10, 30, 3)))
+
+
+def test_the_strict_reading_stops_at_the_first_vertex_without_a_triangle_of_its_own(rng):
+    mesh, truth = quarters()
+    motion = patch_motion(mesh, truth, rng, noise=1.5)
+    settings = {"lam": 0.9, "threshold": 0.4}
+    by_pieces, strict = (quick(motion, **settings, reading=r) for r in ("pieces", "triangles"))
+    *before, last = strict.tried
+    assert all(t.formed for t in before) and not last.formed
+    assert strict.n_regions == last.k - 1 < by_pieces.n_regions
+    assert f"would have stopped at k = {strict.n_regions}." in by_pieces.why
+    assert strict.why.startswith(
+        f"Every vertex in a triangle of its own cluster up to k = {last.k - 1}"
+    )
+    alike = by_pieces.tried[: len(strict.tried)]
+    assert strict.tried == alike
+
+
+def test_a_wide_band_is_passed_on(rng):
+    mesh, truth = quarters()
+    motion = patch_motion(mesh, truth, rng)
+    shares = [quick(motion, n_regions=4, rings=rings).shared_share for rings in (1, 2)]
+    assert shares[0] < shares[1]
+
+
+@pytest.mark.parametrize("lam", [0.7, 1.0])
+def test_still_vertices_never_make_a_nan(rng, lam):
+    mesh, truth = quarters()
+    motion = patch_motion(mesh, truth, rng)
+    positions = motion.positions.copy()
+    positions[:, truth == 3] = mesh.vertices[truth == 3]
+    regions = quick(MotionSequence(positions, 30.0, mesh), lam=lam, n_regions=4)
+    kept = truth != 3
+    assert adjusted_rand_score(regions.labels[kept], truth[kept]) > 0.9
+
+
+def test_likeness_holds_the_matrices_of_the_paper_and_cuts_as_segment_face_does(rng):
+    mesh, truth = quarters(8, 6)
+    motion = patch_motion(mesh, truth, rng, n_frames=20)
+    likeness = Likeness.of(motion, lam=0.4, r=20, threshold=0.3)
+    np.testing.assert_allclose(likeness.C_bar, literal.correlation(motion.positions), atol=1e-12)
+    np.testing.assert_array_equal(likeness.G, mesh.geodesics())
+    np.testing.assert_allclose(likeness.G_bar, np.exp(-mesh.geodesics() / 20), atol=1e-15)
+    wanted = literal.affinity(likeness.C_bar, likeness.G, 0.4, 20, 0.3)
+    np.testing.assert_allclose(likeness.A, wanted, atol=1e-15)
+    for other in ({"lam": 0.9}, {"r": 5}, {"threshold": 0.6}):
+        settings = {"lam": 0.4, "r": 20, "threshold": 0.3, **other}
+        anew = quick(motion, n_regions=4, **settings)
+        cut = likeness.with_(**other).segment(4, random_state=0, progress=False)
+        np.testing.assert_array_equal(cut.labels, anew.labels)
 
 
 def test_a_mesh_in_two_pieces_is_refused(rng):
@@ -519,3 +692,89 @@ def test_a_motion_of_one_valid_frame_is_refused(rng):
     lost = dataclasses.replace(motion, valid=np.array([True, False, False, False]))
     with pytest.raises(ValueError, match="1 frame"):
         quick(lost)
+
+
+# --- symmetry and stability -----------------------------------------------------------------------
+
+
+def mirrored_grid(columns=9, rows=6):
+    """A grid with its middle column on x = 0, and each vertex's twin."""
+    flat = grid_mesh(columns, rows, 5.0)
+    mesh = flat.with_vertices(flat.vertices - [2.5 * (columns - 1), 0, 0])
+    row, column = np.divmod(np.arange(mesh.n_vertices), columns)
+    return mesh, row * columns + columns - 1 - column
+
+
+def test_twins_lie_where_the_mirror_shows_them():
+    mesh, twins = mirrored_grid()
+    np.testing.assert_array_equal(mirror_twins(mesh), twins)
+    np.testing.assert_array_equal(mirror_twins(mesh, mirror=twins), twins)
+
+
+def test_twins_of_samples_are_the_samples_nearest_to_the_twins_of_their_vertices(rng):
+    mesh, twins = mirrored_grid(13, 10)
+    samples = np.sort(rng.choice(mesh.n_vertices, size=30, replace=False))
+    found = mirror_twins(mesh, samples)
+    G = mesh.geodesics()
+    for i, j in enumerate(found):
+        reached = G[twins[samples[i]], samples]
+        assert reached[j] == reached.min()
+
+
+def test_a_symmetric_cut_scores_one_however_it_is_numbered(rng):
+    mesh, twins = mirrored_grid()
+    quadrant = 2 * (mesh.vertices[:, 0] > 1) + (mesh.vertices[:, 1] > 12)
+    assert symmetry(np.abs(mesh.vertices[:, 0]) > 11, twins) == 1
+    middle = np.abs(mesh.vertices[:, 0]) < 1
+    assert symmetry(np.where(middle, 5, quadrant), twins) == 1
+
+
+def test_a_cut_that_knows_nothing_of_its_mirror_image_scores_nothing(rng):
+    _, twins = mirrored_grid(31, 30)
+    scores = [symmetry(rng.integers(4, size=len(twins)), twins) for _ in range(20)]
+    assert abs(np.mean(scores)) < 0.01
+
+
+def test_twins_need_one_entry_for_each_vertex():
+    mesh, twins = mirrored_grid()
+    with pytest.raises(ValueError, match="mirror has shape"):
+        mirror_twins(mesh, mirror=twins[:-1])
+
+
+@pytest.mark.parametrize("over", ["frames", "seeds"])
+def test_clear_patches_are_cut_the_same_whatever_is_drawn(rng, over):
+    mesh, truth = quarters()
+    motion = patch_motion(mesh, truth, rng)
+    scores, labels = stability(motion, 4, over, n_draws=5, block=0.2, random_state=0)
+    np.testing.assert_array_equal(scores, np.ones(5))
+    np.testing.assert_array_equal(labels, np.tile(truth, (5, 1)))
+
+
+def test_noise_alone_is_not_stable_over_frames_and_the_seed_settles_the_draws(rng):
+    mesh = grid_mesh(12, 10, 8.0)
+    motion = MotionSequence(mesh.vertices + rng.normal(size=(60, 120, 3)), 30.0, mesh)
+    settings = {"n_draws": 4, "block": 0.1, "lam": 1.0, "threshold": 0.1}
+    scores, labels = stability(motion, 5, **settings, random_state=1)
+    assert scores.max() < 0.6
+    again, _ = stability(motion, 5, **settings, random_state=1)
+    np.testing.assert_array_equal(scores, again)
+    assert len({x.tobytes() for x in labels}) == 4
+
+
+def test_lost_frames_are_never_drawn(rng):
+    mesh, truth = quarters()
+    motion = patch_motion(mesh, truth, rng)
+    spoilt = motion.positions.copy()
+    spoilt[::4] = np.nan
+    lost = dataclasses.replace(motion, positions=spoilt, valid=np.arange(len(spoilt)) % 4 != 0)
+    scores, _ = stability(lost, 4, n_draws=3, block=0.1, random_state=0)
+    np.testing.assert_array_equal(scores, np.ones(3))
+
+
+def test_stability_refuses_blocks_longer_than_the_motion_and_other_draws(rng):
+    mesh, truth = quarters(6, 4)
+    motion = patch_motion(mesh, truth, rng, n_frames=30)
+    with pytest.raises(ValueError, match="block=2 s is 60 frames, but the motion has 30"):
+        stability(motion, 2)
+    with pytest.raises(ValueError, match="over='actors'"):
+        stability(motion, 2, over="actors", block=0.1)

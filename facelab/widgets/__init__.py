@@ -1,8 +1,17 @@
 """Views for the notebook: ipywidgets and pythreejs on top of the sessions."""
 
+from facelab.widgets.expression_lab import ExpressionLab
 from facelab.widgets.player import Player
 from facelab.widgets.posing_lab import PosingLab
 from facelab.widgets.registration_view import RegistrationView
+from facelab.widgets.segmentation_view import SegmentationView
 from facelab.widgets.viewer import FaceView
 
-__all__ = ["FaceView", "Player", "PosingLab", "RegistrationView"]
+__all__ = [
+    "ExpressionLab",
+    "FaceView",
+    "Player",
+    "PosingLab",
+    "RegistrationView",
+    "SegmentationView",
+]

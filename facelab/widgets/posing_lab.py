@@ -1,18 +1,37 @@
-"""The posing lab: a face to pull, the sliders of the model, undo, and a list of pins."""
+"""The posing lab: a face to pull, and beside it what else a hand can do to a pose."""
 
-import functools
+import html
 
 import ipywidgets as widgets
 import numpy as np
 
+from facelab.datasets import load_example
+from facelab.deformation import bind
+from facelab.models import HolisticModel, RegionModel
 from facelab.plotting import region_colors
 from facelab.posing import PosingSession
+from facelab.segmentation import segment_face
 from facelab.widgets.errors import error_box, shows_errors
+from facelab.widgets.page import ROOT, Keys
+from facelab.widgets.posing_clips import ClipPanel
+from facelab.widgets.posing_files import FilePanel, StripPanel
+from facelab.widgets.posing_panels import PosePanel, ShapePanel, quiet, shade
+from facelab.widgets.thumbnail import Thumbnails
 from facelab.widgets.viewer import FaceView
 
-_STEP = 0.05  # of a slider, in powers of ten
 _JITTER = 0.6  # mm: a hand that only clicks moves this far, and sets no pin
-_HINT = "Drag a point of the face to pose it; drag beside the face to turn it; wheel to zoom."
+_LOCKED, _FREE = (0.80, 0.25, 0.15), (1.0, 0.85, 0.0)
+_NEARBY = 6.0  # mm: a vertex is named by a landmark as near as this
+_SIDE_BY_SIDE = 0.62  # of the size of a single view
+_GAP_SHOWN, _DISTANCE_SHOWN = 1.0, 4.0  # mm, and typical distances: where the colours end
+_HINT = "Drag: pose. Beside the face: turn. Wheel: zoom. Shift: along the normal."
+_NOTHING = "nothing"
+_PAINTS = {
+    "skin": "skin",
+    "regions": "regions",
+    "gaps before blending": "gaps",
+    "how far from training": "plausibility",
+}
 
 
 class PosingLab:
@@ -21,168 +40,371 @@ class PosingLab:
     Parameters
     ----------
     session : PosingSession
-        What is posed; the lab only shows it and passes on what the mouse and the sliders do.
+        What is posed; the lab only shows it and passes on what the mouse and the sliders do. Two
+        labs of one session stay in step, and a script that uses the session is seen in both.
     models : dict of str to model, optional
         Models to choose from, by the name on their button; the session's own must be among them.
     props : iterable of (TriangleMesh, colors), optional
         Still parts to show with the face, such as the eyes.
+    takes : dict of str to MotionSequence (or tuple of forms of it), optional
+        Recorded takes that can be played through the model, by name. A tuple holds the same take
+        in several forms, such as motion and weights of a rig: what the model can take is played.
     width, height : int
         Size of the canvas, pixels.
+    folder : str or Path, default="."
+        Where files are written and looked for.
 
     Attributes
     ----------
     session : PosingSession
     view : FaceView
+    about : str
+        What the face is, real or synthetic; of `example`.
     widget : ipywidgets.Widget
         The whole page; a lab shows itself as the last line of a cell.
     """
 
-    def __init__(self, session, models=None, props=(), width=620, height=640):
+    def __init__(
+        self, session, models=None, props=(), takes=None, width=470, height=540, folder="."
+    ):
         if not isinstance(session, PosingSession):
             raise TypeError(f"session is a {type(session).__name__}, but must be a PosingSession.")
         self.session = session
         self.models = dict(models or {"model": session.model})
         if not any(model is session.model for model in self.models.values()):
             raise ValueError("models does not hold the session's own model; add it under a name.")
-        self.view = FaceView(session.neutral, props, width, height)
-        self.view.on_hover = self._hover
-        self.view.on_press = self._press
-        self.view.on_move = self._move
-        self.view.on_release = self._release
-        self._painted = session.model
-        self._build_panel()
-        self.widget = widgets.HBox([self.view.widget, self._panel])
+        self.props, self.takes, self.folder = list(props), dict(takes or {}), folder
+        self.size, self.about = (width, height), ""
+        self.thumbnails = Thumbnails(session.neutral, self.props)
+        self.view = self._new_view(width, height)
+        self.other_view = None  # of the model beside it, made when it is first wanted
+        self.frame = None  # a callable that gives vertices to show in place of the session's
+        self._held = self._hovered = None
+        self._settling = False
+        self._build()
+        session.observe(self._follow)
         self.refresh()
+
+    @classmethod
+    def example(cls, n_components=20, n_regions=9, **kwargs):
+        """A lab of the example face: region model, holistic model and rig, and both takes.
+
+        The models learn from the first take, on 397 vertices with 0.3 mm of noise.
+
+        Parameters
+        ----------
+        n_components : int, default=20
+            Modes of each region, and of the holistic model.
+        n_regions : int, default=9
+        **kwargs
+            For `PosingLab`.
+        """
+        example = load_example()
+        face = example.rig.neutral
+        corners = [face.landmarks[f"mouth_corner_{side}"] for side in ("left", "right")]
+        samples, control = face.subsample(397, keep=corners)
+        small = example.rig.on(samples, control)
+        motion = small.animate(example.train).with_noise(0.3, random_state=0)
+        regions = segment_face(
+            motion.resampled(15), n_regions=n_regions, random_state=0, progress=False
+        )
+        models = {
+            "region": RegionModel(regions, n_components).fit(motion.displacements()),
+            "holistic": HolisticModel(n_components).fit(motion.displacements()),
+            "rig": example.rig,
+        }
+        takes = {
+            name: (small.animate(take), take)
+            for name, take in (("first take", example.train), ("second take", example.test))
+        }
+        session = PosingSession(models["region"], face, binding=bind(face, samples))
+        lab = cls(session, models, example.props, takes, **kwargs)
+        lab.about = example.about
+        return lab
 
     def _repr_mimebundle_(self, **kwargs):
         return self.widget._repr_mimebundle_(**kwargs)
 
-    # --- the panel --------------------------------------------------------------------------------
+    # --- the page ---------------------------------------------------------------------------------
 
-    def _build_panel(self):
-        wide = {"layout": widgets.Layout(width="320px"), "style": {"description_width": "64px"}}
-        name = next(n for n, m in self.models.items() if m is self.session.model)
+    def _new_view(self, width, height, **kwargs):
+        view = FaceView(self.session.neutral, self.props, width, height, **kwargs)
+        view.on_hover, view.on_press = self._hover, self._press
+        view.on_move, view.on_release = self._move, self._release
+        return view
+
+    def _build(self):
         self.model_choice = widgets.ToggleButtons(
-            options=list(self.models), value=name, style={"button_width": "150px"}
+            options=list(self.models), value=self._model_name(), style={"button_width": "auto"}
         )
-        slider = functools.partial(_log_slider, **wide)
-        self.beta = slider(
-            self.session.beta, low=-3, high=2, description="β agree", readout_format=".3g"
+        self.beside = widgets.Dropdown(options=[_NOTHING], description="compare", layout=_half())
+        self.paint = widgets.Dropdown(
+            options=_PAINTS, value="skin", description="colour", layout=_half()
         )
-        self.gamma = slider(
-            self.session.gamma, low=-4, high=1, description="γ resist", readout_format=".3g"
-        )
-        self.beta.tooltip = "How strongly neighbouring regions must agree where they meet"
-        self.gamma.tooltip = "How strongly the face resists change"
-        self.show_regions = widgets.Checkbox(description="colour the regions", indent=False)
-        self.undo, self.redo, self.keep, self.reset = (
-            widgets.Button(description=text, icon=icon, tooltip=tip, layout={"width": "76px"})
-            for text, icon, tip in (
-                ("Undo", "undo", "One step back"),
-                ("Redo", "repeat", "One step forward again"),
-                ("Keep", "check", "Keep this pose and take the pins away"),
-                ("Reset", "refresh", "Back to the neutral face"),
+        self.beside.style.description_width = self.paint.style.description_width = "62px"
+        self.beside.tooltip = "Show the answer of another model to the same pins, cameras linked"
+        self.undo, self.redo, self.keep, self.mirror, self.reset = self._buttons = [
+            widgets.Button(description=text, tooltip=tip, layout={"width": "66px"})
+            for text, tip in (
+                ("Undo", "One step back"),
+                ("Redo", "One step forward again"),
+                ("Keep", "Keep this pose and take the pins away"),
+                ("Flip", "The whole pose, left for right"),
+                ("Reset", "Back to the neutral face"),
             )
-        )
-        self._pin_list = widgets.VBox()
-        self._status = widgets.HTML()
+        ]
+        self.pose, self.shape = PosePanel(self), ShapePanel(self)
+        self.strip, self.clip = StripPanel(self), ClipPanel(self)
+        self.files = FilePanel(self)
+        panels = {
+            "Pose": self.pose,
+            "Shape": self.shape,
+            "Poses": self.strip,
+            "Clip": self.clip,
+            "Files": self.files,
+        }
+        self.tabs = widgets.Tab([p.widget for p in panels.values()], titles=tuple(panels))
+        self._status = widgets.HTML(layout={"width": f"{self.size[0]}px"})
         self._message = widgets.HTML()
+        self.keys = Keys(self._reactions(), self.session.seal)
+        self._captions = widgets.HTML(), widgets.HTML()
+        self._faces = widgets.HBox(
+            [widgets.VBox([self._captions[0], self.view.widget])],
+            layout={"flex_flow": "row nowrap"},
+        )
         self._panel = widgets.VBox(
             [
                 self.model_choice,
-                self.beta,
-                self.gamma,
-                self.show_regions,
-                widgets.HBox([self.undo, self.redo, self.keep, self.reset]),
-                self._pin_list,
-                self._status,
+                widgets.HBox([self.beside, self.paint]),
+                widgets.HBox(self._buttons),
+                self.tabs,
                 self._message,
+                widgets.HTML(_KEY_LIST),
+                self.keys,
             ],
-            layout={"width": "370px", "padding": "4px 0 0 14px"},
+            layout={"width": "366px", "padding": "0 0 0 12px"},
         )
+        left = widgets.VBox([self._faces, self._status])
+        self.widget = widgets.HBox([left, self._panel], layout={"flex_flow": "row wrap"})
+        self.widget.add_class(ROOT)
         self.model_choice.observe(self._choose_model, names="value")
-        self.beta.observe(self._slide, names="value")
-        self.gamma.observe(self._slide, names="value")
-        self.show_regions.observe(self._paint, names="value")
-        for button in (self.undo, self.redo, self.keep, self.reset):
+        self.beside.observe(self._choose_beside, names="value")
+        self.paint.observe(self._choose_paint, names="value")
+        for button in self._buttons:
             button.on_click(self._press_button)
+
+    def _model_name(self):
+        return next((n for n, m in self.models.items() if m is self.session.model), None)
 
     def _fail(self, error):
         """Show an error, give up the drag it happened in, and keep the last good pose."""
-        self.view.end_drag()
+        for view in self._views():
+            view.end_drag()
+        self._held = None
         self.session.cancel()
         self.refresh()
         self._message.value = error_box(error, "The pose is as it was.")
+
+    # --- what is shown ----------------------------------------------------------------------------
 
     def refresh(self):
         """Show the session as it is now."""
         session = self.session
         self._message.value = ""
-        self.view.show(session.vertices)
+        if self._model_name() is None:  # a script gave the session a model of its own
+            self.models["other"] = session.model
+        with quiet(self):
+            self.model_choice.options = list(self.models)
+            self.model_choice.value = self._model_name()
+            others = [name for name in self.models if name != self._model_name()]
+            chosen = self.beside.value
+            self.beside.options = [_NOTHING, *others]
+            self.beside.value = chosen if chosen in others else _NOTHING
+            self._arrange()
+        self.undo.disabled, self.redo.disabled = not session.can_undo, not session.can_redo
+        self.pose.refresh()
+        self.shape.refresh()
+        self.clip.refresh()
+        self._answers = self._compute_answers()
+        self.show()
+        self._color()
+        self._tell()
+
+    def show(self):
+        """Show the pose, or the frame of a clip that is on."""
+        for view, session in self._answers:
+            view.show(self.vertices if session is self.session else session.vertices)
         self._show_pins()
-        self._pin_list.children = [self._pin_row(vertex) for vertex in session.pins]
-        self.undo.disabled = not session.can_undo
-        self.redo.disabled = not session.can_redo
-        self._settling = True
-        for slider, value in ((self.beta, session.beta), (self.gamma, session.gamma)):
-            slider.value = _within(slider, value)
-        self.model_choice.value = next(n for n, m in self.models.items() if m is session.model)
-        self._settling = False
-        self.show_regions.disabled = session.model.regions is None
-        if self._painted is not session.model:
-            self._paint()
-        self._status.value = f'<span style="color:#666">{_HINT}</span>'
 
-    def _pin_row(self, vertex):
-        gap = np.linalg.norm(self.session.pins[vertex] - self.session.vertices[vertex])
-        remove = widgets.Button(
-            icon="times", tooltip="Remove this pin", layout={"width": "34px", "height": "26px"}
-        )
-        remove.on_click(lambda _: self._remove(vertex))
-        text = f"{self._name(vertex)}: {gap:.1f} mm short"
-        return widgets.HBox([remove, widgets.Label(text)])
+    @property
+    def vertices(self):
+        """Vertices on screen in the first view, shape (n_vertices, 3), millimetres."""
+        return self.session.vertices if self.frame is None else self.frame()
 
-    def _name(self, vertex):
-        names = {v: name for name, v in self.session.neutral.landmarks.items()}
-        return names.get(vertex, f"vertex {vertex}").replace("_", " ")
+    def _views(self):
+        return [self.view] + [self.other_view] * (self.beside.value != _NOTHING)
 
-    def _show_pins(self, but=None):
-        pins = {v: target for v, target in self.session.pins.items() if v != but}
-        vertices = self.session.vertices[list(pins)]
-        self.view.show_pins(vertices, np.array(list(pins.values())).reshape(-1, 3))
+    def _arrange(self):
+        """One view, or two side by side with the names of their models.
+
+        A view once made stays in the page: taking it away would stop the shared orbit, and that
+        divides by the height of its canvas, so it is only covered up.
+        """
+        wanted, (width, height) = self._views(), self.size
+        if None in wanted:
+            self.other_view = self._new_view(width, height, linked_to=self.view)
+            wanted[1] = self.other_view
+            box = widgets.VBox(
+                [self._captions[1], self.other_view.widget],
+                layout={"overflow": "hidden", "flex": "0 0 auto"},
+            )
+            self._faces.children = [*self._faces.children, box]
+        both = len(wanted) == 2
+        for caption, name in zip(
+            self._captions, (self._model_name(), self.beside.value), strict=True
+        ):
+            caption.value = f"<b>{html.escape(name)}</b>"
+            caption.layout.display = "flex" if both else "none"
+        for box in self._faces.children[1:]:
+            box.layout.visibility = "visible" if both else "hidden"
+            box.layout.width = box.layout.height = "auto" if both else "0px"
+        scale = _SIDE_BY_SIDE if both else 1
+        for view in wanted:
+            view.resize(round(scale * width), round(scale * height))
+
+    def _compute_answers(self):
+        """Each view with a session: the lab's own, and one of the other model under its pins."""
+        own = self.session
+        answers = [(self.view, own)]
+        if self.beside.value != _NOTHING:
+            other = PosingSession(
+                own.model,
+                own.neutral,
+                binding=own.binding,
+                shared_pins=own.shared_pins,
+                partners=own.partners if own.symmetric else None,
+            )
+            other.restore(own.state)
+            other.use(self.models[self.beside.value])
+            other.symmetric = own.symmetric
+            answers.append((self.other_view, other))
+        return answers
+
+    def _show_pins(self, but=()):
+        pins = {v: t for v, t in self.session.pins.items() if v not in but and self.frame is None}
+        locked = self.session.locked
+        colors = np.array([_LOCKED if v in locked else _FREE for v in pins]).reshape(-1, 3)
+        for view, session in self._answers:
+            normals = view.normals[list(pins)]
+            targets = np.array(list(pins.values())).reshape(-1, 3)
+            view.show_pins(session.vertices[list(pins)], targets, normals, colors)
+
+    def _color(self):
+        for view, session in self._answers:
+            view.paint(self._colors_of(session))
+
+    def _colors_of(self, session):
+        """Colours of the face, shape (n_vertices, 3), or None for skin."""
+        labels = session.region_labels
+        if self.paint.value == "gaps":
+            return shade("PuBuGn", session.gaps() / _GAP_SHOWN)
+        if self.paint.value == "skin" or labels is None:
+            return None
+        if self.paint.value == "regions":
+            return region_colors(session.regions)[labels]
+        return shade("YlOrBr", self.distance(session) / _DISTANCE_SHOWN)[labels]
+
+    def _tell(self, text=None):
+        if text is None:
+            text = {
+                "gaps": f"Gaps between regions: at most {self.session.gaps().max():.2f} mm; "
+                f"dark from {_GAP_SHOWN:g} mm.",
+                "plausibility": "Pale: as in training. Dark: "
+                f"{_DISTANCE_SHOWN:g} times as far as is typical, or more.",
+            }.get(self.paint.value, _HINT)
+        text = f'<span style="color:#666">{text}</span>'
+        if self._status.value != text:
+            self._status.value = text
+
+    def distance(self, session):
+        """How far each region is from training, 1 as is typical: shape (n_regions,), or None."""
+        distance = session.plausibility()
+        return None if distance is None else distance / np.sqrt(session.model.n_components_)
+
+    def name_of(self, vertex):
+        """A vertex in words: its landmark, or one close by, or its number."""
+        face = self.session.neutral
+        names = list(face.landmarks)
+        marks = face.vertices[list(face.landmarks.values())].reshape(-1, 3)
+        off = np.linalg.norm(marks - face.vertices[vertex], axis=1)
+        if not off.size or off.min() > _NEARBY:
+            return f"vertex {vertex}"
+        return ("" if off.min() == 0 else "by ") + names[off.argmin()].replace("_", " ")
+
+    def _follow(self, what):
+        """The session has changed, by this lab, another one, or a script."""
+        if what == "step":
+            self.frame = self.clip.frame if self.clip.over_pose else None
+            self.refresh()
+        elif self._held is None:
+            self.show()
 
     # --- the mouse --------------------------------------------------------------------------------
 
     @shows_errors
     def _hover(self, vertex):
-        if vertex is None:
-            self.view.show_hover(None)
-        else:
-            self.view.show_hover(self.session.vertices[self.session.handle(vertex)])
+        self._hovered = vertex
+        for view in self._views():
+            view.show_hover(None if vertex is None else view.vertices[vertex])
+        self._tell(None if vertex is None else self.name_of(vertex))
 
     @shows_errors
     def _press(self, vertex):
-        self._clicking = True
-        self._held = self.session.handle(vertex)
-        D = self.session.press(vertex)
-        self._from = self.session.pins[self._held]
+        session = self.session
+        if self.frame is not None:
+            self.clip.take_up()
+        self._clicking, self._held = True, vertex
         self._message.value = ""
-        self.view.show_hover(None)
-        self._show_pins(but=self._held)
-        self.view.begin_morph(D, self._held, self._from)
+        self._answers = self._compute_answers()
+        self._hands = []
+        hidden = {vertex, session.partners[vertex]} if session.symmetric else {vertex}
+        for view, posed in self._answers:
+            D = posed.press(vertex)
+            start = posed.pins[vertex]
+            self._hands.append((view, posed, D, start))
+            view.show_hover(None)
+        self._from = self._hands[0][3]
+        self._show_pins(but=hidden if session.affine else ())
+        for view, posed, D, start in self._hands:
+            if D is not None:
+                view.begin_morph(D, vertex, start + view.vertices[vertex] - posed.vertices[vertex])
 
     @shows_errors
     def _move(self, offset):
-        if self._clicking and np.linalg.norm(offset) < _JITTER:
+        if self._held is None or (self._clicking and np.linalg.norm(offset) < _JITTER):
             return
         self._clicking = False
-        self.session.drag(self._held, self._from + offset)
-        self.view.morph(offset)
+        target = self._from + offset
+        self.session.drag(self._held, target)
+        for view, posed, D, start in self._hands:
+            if D is not None:
+                view.morph(target - start)
+                continue
+            if posed is not self.session:
+                posed.drag(self._held, target)
+            view.show(self.vertices if posed is self.session else posed.vertices)
+        if any(D is None for _, _, D, _ in self._hands):
+            self._show_pins()
 
     @shows_errors
     def _release(self):
+        vertex, self._held = self._held, None
+        if vertex is None:
+            return
         self.session.release()
-        self.refresh()
+        if self._clicking:
+            self.refresh()
+            self.shape.choose_at(vertex)
 
     # --- the panel's callbacks --------------------------------------------------------------------
 
@@ -190,60 +412,108 @@ class PosingLab:
     def _choose_model(self, change):
         if not self._settling:
             self.session.use(self.models[change["new"]])
+
+    @shows_errors
+    def _choose_beside(self, _):
+        if not self._settling:
             self.refresh()
 
     @shows_errors
-    def _slide(self, _):
-        if self._settling:
-            return
-        moved = {}
-        for name, slider in (("beta", self.beta), ("gamma", self.gamma)):
-            # the page rounds a value to its slider's grid and sends it back: that is no edit
-            shown = _within(slider, getattr(self.session, name))
-            if abs(np.log10(slider.value / shown)) > _STEP / 2:
-                moved[name] = slider.value
-        if moved:
-            self.session.set(**moved)
-            self.refresh()
-
-    @shows_errors
-    def _paint(self, _=None):
-        self._painted = self.session.model
-        regions = self.session.model.regions
-        self.view.paint(self._region_colors(regions) if self.show_regions.value else None)
-
-    def _region_colors(self, regions):
-        if regions is None:
-            return None
-        labels = regions.labels
-        if self.session.binding is not None:
-            labels = labels[self.session.binding.handle_of]
-        return region_colors(regions)[labels]
+    def _choose_paint(self, _):
+        self._color()
+        self._tell()
 
     @shows_errors
     def _press_button(self, button):
+        session = self.session
         {
-            self.undo: self.session.undo,
-            self.redo: self.session.redo,
-            self.keep: self.session.keep,
-            self.reset: self.session.reset,
+            self.undo: session.undo,
+            self.redo: session.redo,
+            self.keep: session.keep,
+            self.mirror: session.mirror,
+            self.reset: session.reset,
         }[button]()
+
+    # --- keys -------------------------------------------------------------------------------------
+
+    def _reactions(self):
+        session = self.session
+        actions = {
+            "z": session.undo,
+            "Ctrl+z": session.undo,
+            "y": session.redo,
+            "Ctrl+y": session.redo,
+            "k": session.keep,
+            "f": session.mirror,
+            "m": self._next_model,
+            "c": self._next_beside,
+            "s": lambda: self.pose.symmetric.set_trait("value", not self.pose.symmetric.value),
+            "n": lambda: self.pose.along.set_trait("value", not self.pose.along.value),
+            "h": lambda: self._at_hovered(session.hold),
+            "l": lambda: self._at_hovered(self.pose.toggle_lock),
+            "x": lambda: self._at_hovered(session.remove_pin),
+            "p": self.strip.add,
+            **{k: lambda way=way: self.view.look_from(way) for k, way in _VIEWS.items()},
+            "Space": self.clip.toggle,
+            "Escape": self._give_up,
+        }
+        return {key: self._guarded(action) for key, action in actions.items()}
+
+    def _guarded(self, action):
+        @shows_errors
+        def react(self):
+            action()
+
+        return lambda: react(self)
+
+    def _at_hovered(self, action):
+        if self._hovered is None:
+            raise ValueError("no point of the face is under the mouse; move it there first.")
+        action(self._hovered)
+
+    def _next_model(self):
+        names = list(self.models)
+        self.session.use(self.models[names[(names.index(self._model_name()) + 1) % len(names)]])
+
+    def _next_beside(self):
+        names = list(self.beside.options)
+        self.beside.value = names[(names.index(self.beside.value) + 1) % len(names)]
+
+    def _give_up(self):
+        for view in self._views():
+            view.end_drag()
+        self._held = None
+        self.session.cancel()
         self.refresh()
 
-    @shows_errors
-    def _remove(self, vertex):
-        self.session.remove_pin(vertex)
-        self.refresh()
+
+def _half():
+    return widgets.Layout(width="174px")
 
 
-def _log_slider(value, low, high, **kwargs):
-    """A logarithmic slider whose grid holds its first value, from 10^low to about 10^high."""
-    value = float(np.clip(value, 10.0**low, 10.0**high))
-    start = np.log10(value)
-    low = start - _STEP * np.ceil((start - low) / _STEP)
-    return widgets.FloatLogSlider(value=value, base=10, min=low, max=high, step=_STEP, **kwargs)
-
-
-def _within(slider, value):
-    """The value, or the end of the slider that is nearest to it, as for a beta of zero."""
-    return float(np.clip(value, slider.base**slider.min, slider.base**slider.max))
+_VIEWS = {"1": (0, 0, 1), "2": (0.7, 0, 0.7), "3": (-0.7, 0, 0.7)}
+_KEYS = {
+    "Z": "undo",
+    "Y": "redo",
+    "K": "keep",
+    "F": "flip left and right",
+    "S": "symmetric",
+    "N": "along the normal",
+    "M": "next model",
+    "C": "compare",
+    "H": "hold the point",
+    "L": "lock it",
+    "X": "remove its pin",
+    "P": "pose to the strip",
+    "1": "from the front",
+    "2": "from the left",
+    "3": "from the right",
+    "Space": "play",
+    "Esc": "give up a drag",
+}
+_KEY_LIST = (
+    '<details style="color:#666;line-height:1.45"><summary>Keys, while the mouse is over the lab'
+    '</summary><div style="display:grid;grid-template-columns:auto 1fr auto 1fr;gap:0 8px">'
+    + "".join(f"<b>{key}</b><span>{what}</span>" for key, what in _KEYS.items())
+    + "</div></details>"
+)

@@ -10,12 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from facelab.mesh import normals_operator, vertex_normals_by
 from facelab.plotting import SKIN
+from facelab.widgets.lining import Lining
 
 _HOVER, _PIN, _TARGET = "#ffffff", (0.05, 0.05, 0.05), (1.0, 0.85, 0.0)
 _FOV = 18.0  # degrees: a long lens, so that a face looks as from across a table
 _RESERVED_PINS = 8
 _MARKER, _MARKER_SIZE = "#12406b", 3.0  # mm, as wide as those that actors wear
 _DISC_CORNERS = 14
+_RIM = 3.0  # mm: a mouse this near to a lid or lip, but in the opening, is on its rim
 _NOWHERE = (0.0, 0.0, -1e6)
 
 
@@ -37,19 +39,32 @@ class FaceView:
         Still parts such as eyes and teeth; colors of shape (n_vertices, 3), 0 to 1.
     width, height : int
         Size of the canvas, pixels.
+    linked_to : FaceView, optional
+        A view whose camera this one shares: turning one turns both, at once. The two show faces
+        of about the same size and place, on canvases of the same proportions.
 
     Attributes
     ----------
     widget : pythreejs.Renderer
         To be displayed.
     on_hover, on_press, on_move, on_release : callable or None
-        Called with (vertex or None), (vertex), (point of shape (3,), millimetres), ().
+        Called with (vertex or None), (vertex), (offset of shape (3,), millimetres), ().
+    along_normal : bool
+        Whether a drag moves along the normal of the vertex instead of in the plane of the view;
+        the shift key held at the press does the same.
+
+    Raises
+    ------
+    ValueError
+        If the canvas has other proportions than the one it is linked to.
     """
 
-    def __init__(self, mesh, props=(), width=620, height=640):
+    def __init__(self, mesh, props=(), width=620, height=640, linked_to=None):
         self.mesh = mesh
         self.on_hover = self.on_press = self.on_move = self.on_release = None
-        self._V = mesh.vertices
+        self.along_normal = False
+        self._V, self._N = mesh.vertices, None
+        self._lining = Lining(mesh)
         self._operator = normals_operator(mesh.faces, mesh.n_vertices)
         self._dragging = False
         self._build_face()
@@ -59,7 +74,10 @@ class FaceView:
         self._plane = three.Mesh(
             three.PlaneBufferGeometry(4000, 4000), three.MeshBasicMaterial(visible=False)
         )
-        self._build_camera(width / height)
+        if linked_to is None:
+            self._build_camera(width / height)
+        else:
+            self._share_camera(linked_to, width / height)
         self._scene = three.Scene(
             children=[
                 *(self._face, self._marks, self._cloud, self._hover, self._plane),
@@ -67,7 +85,7 @@ class FaceView:
             ],
             background="#f4f4f2",
         )
-        self._build_controls()
+        self._build_pickers()
         self.widget = three.Renderer(
             camera=self._camera,
             scene=self._scene,
@@ -76,25 +94,27 @@ class FaceView:
             width=width,
             height=height,
         )
+        self._camera.observe(lambda _: self._draw_pins(), names=["position"])
 
     # --- scene ------------------------------------------------------------------------------------
 
     def _build_face(self):
-        """The face, and in the same buffers the pin of the drag under way.
+        """The face, and in the same buffers its lining and the pin of the drag under way.
 
-        So that pin, line and face follow the mouse by one message with three numbers.
+        So that pin, line, face and mouth follow the mouse by one message with three numbers.
         """
         self._n = self.mesh.n_vertices
         offsets, ends, triangles = _pin_shape()
         self._pin_offsets, self._pin_ends = offsets, ends
-        V = self._with_pin(self._V, self._V[[0]])
-        N = self._with_pin(self._normals(self._V), np.zeros((1, 3)))
+        V = self._with_pin(self._V, self._lining.vertices(self._V), self._V[[0]])
+        N = self._with_pin(self._normals(self._V), self._lining.normals, np.zeros((1, 3)))
         attribute = three.BufferAttribute
         self._position, self._normal = attribute(V), attribute(N)
         self._color = attribute(self._skin())
         self._morphs = [attribute(V) for _ in range(3)]
         self._morph_normals = [attribute(N) for _ in range(3)]
-        faces = np.vstack([self.mesh.faces, triangles + self._n])
+        behind = self._n + len(self._lining.normals)
+        faces = np.vstack([self.mesh.faces, self._lining.faces + self._n, triangles + behind])
         geometry = three.BufferGeometry(
             attributes={
                 "position": self._position,
@@ -121,13 +141,14 @@ class FaceView:
             visible=False,
         )
         self._marks = three.Group()
+        self._pins = np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3)), None
         self._reserve_pins(_RESERVED_PINS)
 
     def _reserve_pins(self, n_pins):
         self._room = n_pins
         self._ends = three.BufferAttribute(np.zeros((2 * n_pins, 3), np.float32))
-        colors = three.BufferAttribute(np.tile(np.float32([_PIN, _TARGET]), (n_pins, 1)))
-        ends = three.BufferGeometry(attributes={"position": self._ends, "color": colors})
+        self._end_colors = three.BufferAttribute(np.zeros((2 * n_pins, 3), np.float32))
+        ends = three.BufferGeometry(attributes={"position": self._ends, "color": self._end_colors})
         points = three.Points(
             ends,
             three.PointsMaterial(
@@ -172,6 +193,19 @@ class FaceView:
             fov=_FOV, aspect=aspect, near=away / 20, far=away * 4, position=at.tolist()
         )
         self._camera.lookAt(self._target.tolist())
+        self._orbit = three.OrbitControls(
+            controlling=self._camera, target=self._target.tolist(), enablePan=False
+        )
+        self._orbit.exec_three_obj_method("update")  # else it looks at the origin until it is used
+
+    def _share_camera(self, other, aspect):
+        if abs(aspect / other._camera.aspect - 1) > 0.02:
+            raise ValueError(
+                f"width / height is {aspect:.2f}, but the view it is linked to has "
+                f"{other._camera.aspect:.2f}; give both canvases the same proportions."
+            )
+        # the orbit too: it listens on both canvases and draws both while the mouse moves
+        self._target, self._camera, self._orbit = other._target, other._camera, other._orbit
 
     def _lights(self):
         key = three.DirectionalLight(color="#fff4e8", intensity=0.55, position=[-250, 300, 500])
@@ -180,12 +214,7 @@ class FaceView:
 
     # --- what the mouse does ----------------------------------------------------------------------
 
-    def _build_controls(self):
-        self._orbit = three.OrbitControls(
-            controlling=self._camera, target=self._target.tolist(), enablePan=False
-        )
-        self._orbit.exec_three_obj_method("update")  # else it looks at the origin until it is used
-        self._nothing = three.Group()
+    def _build_pickers(self):
         self._down = three.Picker(controlling=self._face, event="mousedown")
         self._moved = three.Picker(controlling=self._face, event="mousemove")
         # the ends of a drag need no picking, only to be noticed
@@ -195,7 +224,7 @@ class FaceView:
         for picker, react in (
             (self._down, self._pressed),
             (self._up, self._released),
-            (self._left, self._released),
+            (self._left, self._gone),
         ):
             picker.observe(lambda change, r=react: self._notice(change, r), names=["point"])
 
@@ -210,9 +239,20 @@ class FaceView:
         if picker.object is not self._face:
             return None
         corners = np.array(picker.face, dtype=int)
-        if corners.max() >= self._n:  # the pin of the drag under way
-            return None
+        if corners.max() >= self._n:  # the lining, or the pin of the drag under way
+            return self._rim_vertex(np.array(picker.point))
         return int(corners[np.linalg.norm(self._V[corners] - picker.point, axis=1).argmin()])
+
+    def _rim_vertex(self, point):
+        """Vertex of a lid or lip beside a point of the opening, as the camera sees them, or None.
+
+        A ray that just misses a lid goes on into the opening.
+        """
+        rim = self._lining.rim
+        if not rim.size:
+            return None
+        off = np.linalg.norm((self._V[rim] - point) @ self._axes()[:2].T, axis=1)
+        return int(rim[off.argmin()]) if off.min() < _RIM else None
 
     def _pressed(self):
         vertex = self._picked(self._down)
@@ -221,6 +261,8 @@ class FaceView:
         self._plane.position = self._down.point
         self._plane.quaternion = Rotation.from_matrix(self._axes().T).as_quat().tolist()
         self._grab = np.array(self._down.point)
+        shift = bool(self._down.modifiers) and self._down.modifiers[0]
+        self._rail = self._rail_of(vertex) if shift or self.along_normal else None
         self._dragging = True
         self._moved.controlling = self._plane  # from here on moves are read off the plane
         self.on_press(vertex)
@@ -228,13 +270,29 @@ class FaceView:
     def _mouse_moved(self):
         if self._dragging:
             if self._moved.object is self._plane and self.on_move is not None:
-                self.on_move(np.array(self._moved.point) - self._grab)
+                offset = np.array(self._moved.point) - self._grab
+                if self._rail is not None:
+                    across, normal = self._rail
+                    offset = (offset @ across) * normal
+                self.on_move(offset)
             return
         vertex = self._picked(self._moved)
         # on the face the mouse poses, beside it orbits; orbits everywhere where nothing is posed
         self._orbit.enableRotate = vertex is None or self.on_press is None
         if self.on_hover is not None:
             self.on_hover(vertex)
+
+    def _rail_of(self, vertex):
+        """For a drag along the normal: the mouse's way that counts, and the normal.
+
+        The vertex stays under the mouse where the normal is seen from the side. Where it points
+        at the viewer, moving the mouse up pulls outwards.
+        """
+        normal = self.normals[vertex].astype(float)
+        right, up, _ = self._axes()
+        seen = (normal @ right) * right + (normal @ up) * up
+        length = np.linalg.norm(seen)
+        return (seen / length**2 if length > 0.4 else up), normal
 
     def _released(self):
         if not self._dragging:
@@ -243,6 +301,13 @@ class FaceView:
         self._moved.controlling = self._face
         if self.on_release is not None:
             self.on_release()
+
+    def _gone(self):
+        """The mouse has left the canvas: a drag ends, nothing is hovered over any more."""
+        self._released()
+        self._orbit.enableRotate = True
+        if self.on_hover is not None:
+            self.on_hover(None)
 
     def end_drag(self):
         """Forget a drag under way, as after an error in it."""
@@ -254,24 +319,37 @@ class FaceView:
     def _normals(self, V):
         return _f32(vertex_normals_by(self._operator, V, self.mesh.faces))
 
-    def _with_pin(self, per_vertex, per_pin):
-        """Values of the face with those of the pin's vertices below, float32."""
+    def _with_pin(self, per_vertex, per_lining, per_pin):
+        """Values of the face with those of its lining and the pin's vertices below, float32."""
         per_pin = np.broadcast_to(per_pin, self._pin_offsets.shape)
-        return _f32(np.vstack([per_vertex, per_pin]))
+        return _f32(np.vstack([per_vertex, per_lining, per_pin]))
 
     def _skin(self, colors=None):
-        """Vertex colours of face and pin."""
-        skin = np.ones((self._n, 3)) if colors is None else np.asarray(colors)
+        """Vertex colours of face, lining and pin."""
+        skin = np.tile(to_rgb(SKIN), (self._n, 1)) if colors is None else np.asarray(colors)
         pin = np.where(self._pin_ends[:, None] > 0, _TARGET, _PIN)
-        return self._with_pin(skin * to_rgb(SKIN) if colors is None else skin, pin)
+        return self._with_pin(skin, self._lining.colors, pin)
+
+    @property
+    def vertices(self):
+        """The face as it was last shown, without a morph, shape (n_vertices, 3), millimetres."""
+        return self._V
+
+    @property
+    def normals(self):
+        """Unit normals of it, shape (n_vertices, 3)."""
+        if self._N is None:
+            self._N = self._normals(self._V)
+        return self._N
 
     def show(self, vertices):
         """Show the face at these positions, shape (n_vertices, 3), millimetres; ends a morph."""
-        self._V = np.asarray(vertices)
+        self._V, self._N = np.asarray(vertices), None
         if any(self._face.morphTargetInfluences):
             self._face.morphTargetInfluences = [0.0, 0.0, 0.0]
-        self._position.array = self._with_pin(self._V, self._V[[0]])
-        self._normal.array = self._with_pin(self._normals(self._V), np.zeros((1, 3)))
+        lining = self._lining
+        self._position.array = self._with_pin(self._V, lining.vertices(self._V), self._V[[0]])
+        self._normal.array = self._with_pin(self.normals, lining.normals, np.zeros((1, 3)))
 
     def begin_morph(self, D, vertex, target):
         """Prepare the face on screen to move by D @ t without sending vertices again.
@@ -288,16 +366,18 @@ class FaceView:
         axes = self._axes()
         ends = np.where(self._pin_ends[:, None] > 0, target, self._V[vertex])
         pin = ends + self._pin_offsets @ axes + 2 * axes[2]  # a little in front of the skin
-        still, facing = self._normals(self._V), np.broadcast_to(axes[2], pin.shape)
-        self._position.array = self._with_pin(self._V, pin)
-        self._normal.array = self._with_pin(still, facing)
+        still, facing = self.normals, np.broadcast_to(axes[2], pin.shape)
+        lining = self._lining
+        self._position.array = self._with_pin(self._V, lining.vertices(self._V), pin)
+        self._normal.array = self._with_pin(still, lining.normals, facing)
         reach = 5.0  # mm over which the normals are linearised
         for axis in range(3):
             along = np.where(self._pin_ends[:, None] > 0, np.eye(3)[axis], D[vertex, :, axis])
-            self._morphs[axis].array = self._with_pin(self._V + D[:, :, axis], pin + along)
+            moved = self._V + D[:, :, axis]
+            self._morphs[axis].array = self._with_pin(moved, lining.vertices(moved), pin + along)
             ahead = self._normals(self._V + reach * D[:, :, axis])
             normals = still + (ahead - still) / np.float32(reach)
-            self._morph_normals[axis].array = self._with_pin(normals, facing)
+            self._morph_normals[axis].array = self._with_pin(normals, lining.normals, facing)
 
     def morph(self, t):
         """Move the face by D @ t, t of shape (3,), millimetres: three numbers on the wire."""
@@ -310,22 +390,40 @@ class FaceView:
         if self._hover.visible != (position is not None):
             self._hover.visible = position is not None
 
-    def show_pins(self, vertices, targets):
+    def show_pins(self, vertices, targets, normals=None, colors=None):
         """Draw pins: a dark dot on each vertex, a yellow one on its target, a line between.
 
         Parameters
         ----------
         vertices, targets : ndarray of shape (n_pins, 3)
             Millimetres.
+        normals : ndarray of shape (n_pins, 3), optional
+            Outwards at each vertex: pins on the far side of the head are then hidden.
+        colors : ndarray of shape (n_pins, 3), optional
+            Of the targets, 0 to 1; yellow if left out.
         """
+        self._pins = tuple(np.asarray(a, dtype=float) for a in (vertices, targets)) + (
+            normals,
+            np.tile(_TARGET, (len(vertices), 1)) if colors is None else np.asarray(colors),
+        )
+        self._draw_pins()
+
+    def _draw_pins(self):
+        """Send the pins that can be seen from where the camera stands."""
+        vertices, targets, normals, colors = self._pins
+        if normals is not None:
+            near = ((self._camera.position - vertices) * normals).sum(axis=1) > 0
+            vertices, targets, colors = vertices[near], targets[near], colors[near]
         n_pins = len(vertices)
         if n_pins > self._room:
             self._reserve_pins(2 * n_pins)
         if n_pins:
-            ends = np.empty((2 * self._room, 3), np.float32)
-            ends[0 : 2 * n_pins : 2], ends[1 : 2 * n_pins : 2] = vertices, targets
-            ends[2 * n_pins :] = np.tile(ends[:2], (self._room - n_pins, 1))  # spares: on the first
-            self._ends.array = ends
+            spare = np.arange(self._room) % n_pins  # spare pins lie on those that are there
+            for buffer, held, wanted in (
+                (self._ends, vertices, targets),
+                (self._end_colors, np.tile(_PIN, (n_pins, 1)), colors),
+            ):
+                buffer.array = _f32(np.stack([held[spare], wanted[spare]], axis=1).reshape(-1, 3))
         if self._marks.visible != bool(n_pins):
             self._marks.visible = bool(n_pins)
 
@@ -350,6 +448,18 @@ class FaceView:
         if self._cloud.visible != bool(seen.any()):
             self._cloud.visible = bool(seen.any())
 
+    def look_from(self, direction=(0.0, 0.0, 1.0)):
+        """Place the camera in this direction from the face, shape (3,), as far away as it is."""
+        direction = np.asarray(direction, dtype=float)
+        away = np.linalg.norm(np.asarray(self._camera.position) - self._target)
+        at = self._target + away * direction / np.linalg.norm(direction)
+        self._camera.position = at.tolist()
+        self._orbit.exec_three_obj_method("update")  # turns it towards the face
+
+    def resize(self, width, height):
+        """Give the canvas another size, pixels; the proportions stay as they are."""
+        self.widget.width, self.widget.height = width, height
+
     def paint(self, colors):
         """Colour the face: shape (n_vertices, 3), 0 to 1; None for plain skin."""
         self._color.array = self._skin(colors)
@@ -367,7 +477,7 @@ class FaceView:
         ndarray of shape (n, 2)
             Fractions of the width from the left and of the height from the top.
         """
-        x, y, z = self._axes() @ (np.atleast_2d(points) - self._camera.position).T
+        x, y, z = self._axes() @ (np.atleast_2d(points) - np.asarray(self._camera.position)).T
         depth = -z * np.tan(np.radians(_FOV / 2))
         return np.stack([(1 + x / depth / self._camera.aspect) / 2, (1 - y / depth) / 2], axis=1)
 
@@ -376,7 +486,7 @@ class FaceView:
 
         From where the camera stands, for its own rotation reaches the kernel late.
         """
-        back = self._camera.position - self._target
+        back = np.asarray(self._camera.position) - self._target
         back /= np.linalg.norm(back)
         right = np.cross([0, 1, 0], back)
         right /= np.linalg.norm(right)

@@ -3,6 +3,8 @@
 "solved anew" finds the matrix of the boundary term ready; "assembled too" builds that as well.
 """
 
+import tracemalloc
+
 import numpy as np
 from setup import example_motion, milliseconds
 from threadpoolctl import threadpool_limits
@@ -38,10 +40,9 @@ def time_case(model, face, binding):
     """Milliseconds of: a move, the mouse going down, solving anew, and assembling too."""
     session = facelab.PosingSession(model, face, binding=binding)
     vertex = face.landmarks["mouth_corner_left"]
-    held = vertex if binding is None else int(binding.handle_of[vertex])
     wanted = np.array([2.0, 4.0, 0.0])
     target = face.vertices[vertex] + wanted
-    ready = facelab.PoseSolver(model)
+    ready = facelab.PoseSolver(model, binding=binding)
 
     def move():
         session.drag(vertex, target)
@@ -52,12 +53,11 @@ def time_case(model, face, binding):
         session.press(vertex)
 
     def solved(solver=ready):
-        x = solver.displacements(solver.solve({held: wanted}))[0]
-        return face.vertices + (x if binding is None else binding.carry(x))
+        return face.vertices + solver.shown(solver.solve({vertex: wanted}))[0]
 
     def assembled():
         model.boundary_ = model._boundary_matrix()
-        return solved(facelab.PoseSolver(model))
+        return solved(facelab.PoseSolver(model, binding=binding))
 
     down = milliseconds(press)
     session.cancel()
@@ -65,8 +65,86 @@ def time_case(model, face, binding):
     return milliseconds(move, 300), down, milliseconds(solved, 30), milliseconds(assembled, 10)
 
 
+def pinned(session, n_pins):
+    """The session with pins where some vertices are, far from each other."""
+    session.reset()
+    V = session.neutral.vertices
+    order = [session.neutral.landmarks["mouth_corner_left"]]
+    while len(order) < n_pins + 1:
+        off = np.linalg.norm(V[:, None] - V[order], axis=2).min(axis=1)
+        order.append(int(off.argmax()))
+    for v in order[1:]:
+        session.hold(v)
+    return order[0]
+
+
+def mouse_down(model, face, binding):
+    """Milliseconds of the mouse going down with so many pins set, and of a move with a limit."""
+    session = facelab.PosingSession(model, face, binding=binding)
+    found = []
+    for n_pins in (1, 5, 20):
+        vertex = pinned(session, n_pins)
+        found.append(milliseconds(lambda v=vertex: (session.cancel(), session.press(v)), 20))
+        session.cancel()
+    session.set(limit=3.0)
+    step = iter(range(10**6))
+
+    def move():
+        by = np.array([0.3, 0.4, 0]) * (next(step) % 60)
+        session.drag(vertex, face.vertices[vertex] + by)
+        return session.vertices
+
+    return found, milliseconds(move, 60)
+
+
+def pin_error(model, face, binding):
+    """Print how far a pin stays behind a pull of 8 mm for several gamma, mean of six landmarks."""
+    names = ("mouth_corner_left", "lip_upper", "lip_lower", "brow_left_3", "brow_right_2", "chin")
+    session = facelab.PosingSession(model, face, binding=binding)
+    for gamma in (0.0025, 0.025, 0.25, 2.5):
+        session.set(gamma=gamma)
+        left = []
+        for name in names:
+            v = face.landmarks[name]
+            session.reset()
+            session.drag(v, session.vertices[v] + [2.4, 7.2, 2.6])
+            left.append(np.linalg.norm(session.vertices[v] - session.pins[v]))
+            session.release()
+        print(f"gamma {gamma:6.4f}: {np.mean(left):.2f} mm of 8 are missing at the pin")
+
+
+def memory(model, face, binding):
+    """Print what the kernel holds after a thousand drags of 20 moves each, undo kept and not."""
+    session = facelab.PosingSession(model, face, binding=binding)
+    rng = np.random.default_rng(0)
+    pulled = rng.choice(face.n_vertices, 50, replace=False).tolist()
+
+    def drags(n):
+        for k in range(n):
+            v = pulled[k % 50]
+            for by in np.cumsum(rng.normal(size=(20, 3)), axis=0):
+                session.drag(v, face.vertices[v] + by)
+                session.vertices  # noqa: B018
+            session.cancel()
+
+    tracemalloc.start()
+    drags(100)
+    before = tracemalloc.get_traced_memory()[0]
+    drags(1000)
+    given_up = tracemalloc.get_traced_memory()[0] - before
+    for k in range(1000):
+        session.drag(k % 20, face.vertices[k % 20] + rng.normal(size=3))
+        session.release()
+    kept = tracemalloc.get_traced_memory()[0] - before - given_up
+    tracemalloc.stop()
+    print(
+        f"memory after 1,000 drags of 20 moves: {given_up / 1e6:+.2f} MB; after 1,000 more that "
+        f"are kept as {session.n_undo} steps of undo with 20 pins: {kept / 1e6:+.2f} MB"
+    )
+
+
 def main():
-    """Print a row for each size."""
+    """Print a row for each size, then what pins, gamma and a thousand drags do."""
     print("ms, one thread     move  mouse down    solved anew   assembled too")
     with threadpool_limits(1):
         for name, *case in cases():
@@ -76,6 +154,15 @@ def main():
                 f"{assembled:8.2f} ({assembled / move:4.0f}x)",
                 flush=True,
             )
+            if name != "397 -> 6706":
+                continue
+            (one, five, twenty), limited = mouse_down(*case)
+            print(
+                f"    mouse down with 1, 5, 20 pins: {one:.2f}, {five:.2f}, {twenty:.2f}; "
+                f"a move with a limit of 3 standard deviations: {limited:.2f}"
+            )
+            pin_error(*case)
+            memory(*case)
 
 
 if __name__ == "__main__":

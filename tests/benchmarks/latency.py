@@ -1,20 +1,20 @@
-"""From a mouse move in the page to the new pose having arrived in the page, in Chromium.
+"""The lab in Chromium: from a mouse move to the new pose in the page, and what 1,000 drags leave.
 
 The canvas is small, so that software rendering does not decide the result: what is measured is
-kernel, server and wire.
+kernel, server and wire. Everything is a wall-clock time on this machine as busy as it is.
 """
 
 import sys
 import tempfile
 from pathlib import Path
 
-import nbformat
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "browser"))
-from conftest import Lab
+from conftest import Lab, write_notebook
 
-CELL = """
+CELLS = (
+    """
 import facelab, numpy as np
 from facelab.widgets import PosingLab
 example = facelab.load_example()
@@ -25,20 +25,50 @@ motion = rig.on(samples, control).animate(example.train).with_noise(0.3, 0)
 regions = facelab.segment_face(motion.resampled(15), n_regions=10, random_state=0, progress=False)
 region = facelab.RegionModel(regions, 30).fit(motion.displacements())
 session = facelab.PosingSession(region, rig.neutral, binding=facelab.bind(rig.neutral, samples))
-lab = PosingLab(session, width=160, height=170)
-lab
+models, takes = {"region": region, "rig": rig}, {"take": motion}
+lab = PosingLab(session, models, takes=takes, width=160, height=184)
+""",
+    "lab",
+)
+
+# as the mouse does it, without the mouse: every message goes to the page
+DRAGS = """
+import os
+def drags(n):
+    for k in range(n):
+        lab._press(corners[k % 2])
+        for step in (1, 2, 3):
+            lab._move(np.array([0.5, 1.0, 0.2]) * step)
+        lab._release()
+        if k % 10 == 9:
+            lab.session.reset()
+def resident():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+"""
+
+PLAYBACK = """
+import time
+lab.clip.source.value = "take"
+frame, start = 0, time.perf_counter()
+for frame in range(1, 101):
+    lab.clip.slider.value = frame
+spent = time.perf_counter() - start
+lab.clip.stop.click()
 """
 
 WATCH = """
 window.sent = []; window.got = []; window.moves = [];
 const size = d => d.byteLength ?? d.size ?? d.length;
-const text = d => typeof d === 'string' ? d : new TextDecoder('latin1').decode(d);
+const head = d => typeof d === 'string' ? d.slice(0, 5000)
+  : new TextDecoder('latin1').decode(d.slice(0, 5000));
+const isPose = d => /morphTargetInfluences|"array"/.test(head(d));
 const real = window.WebSocket;
 window.WebSocket = class extends real {
   constructor(...a) {
     super(...a);
     this.addEventListener('message', e => window.got.push(
-      [performance.now(), size(e.data), text(e.data).includes('morphTargetInfluences')]));
+      [performance.now(), size(e.data), isPose(e.data)]));
   }
   send(d) { window.sent.push([performance.now(), size(d)]); super.send(d); }
 };
@@ -46,74 +76,99 @@ window.addEventListener('mousemove', () => window.moves.push(performance.now()),
 """
 
 
-def measure(area, no_delay, n_moves=100):
-    """Latencies (ms), bytes and messages of each move."""
-    with tempfile.TemporaryDirectory() as folder:
-        lab = Lab(folder, no_delay)
-        try:
-            cell = nbformat.v4.new_code_cell(CELL.replace("AREA", area))
-            path = Path(folder) / "source" / "latency.ipynb"
-            path.parent.mkdir()
-            kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
-            nbformat.write(nbformat.v4.new_notebook(cells=[cell], metadata=kernel), path)
-            lab.page.add_init_script(WATCH)
-            lab.open(path)
-            canvas = lab.page.locator(".jp-OutputArea canvas").first
-            canvas.scroll_into_view_if_needed()
-            lab.page.wait_for_timeout(1500)
-            at = lab.run("", p="lab.view.project(rig.neutral.vertices[corners[:1]])[0].tolist()")[
-                "p"
-            ]
-            box = canvas.bounding_box()
-            x, y = box["x"] + at[0] * box["width"], box["y"] + at[1] * box["height"]
-            mouse = lab.page.mouse
-            mouse.move(x - 1, y)
-            lab.settle()
-            mouse.move(x, y)
-            lab.settle()
-            mouse.down()
-            lab.settle()
-            delays, sizes, counts = [], [], []
-            for k in range(n_moves):
-                lab.page.evaluate("sent.length = got.length = moves.length = 0")
-                mouse.move(x + 5 * np.sin(k / 7.3 + 0.2), y - 6 + 5 * np.cos(k / 5.1))
-                lab.page.wait_for_timeout(110)
-                moves, got, sent = (lab.page.evaluate(n) for n in ("moves", "got", "sent"))
-                arrived = [t for t, _, is_pose in got if is_pose]
-                if moves and arrived:
-                    delays.append(arrived[0] - moves[0])
-                    sizes.append(
-                        (
-                            sum(b for _, b, p in got if p),
-                            sum(b for _, b, _ in got),
-                            sum(b for _, b in sent),
-                        )
-                    )
-                    counts.append(len(got) + len(sent))
-            mouse.up()
-            return np.array(delays), np.array(sizes), np.array(counts)
-        finally:
-            lab.close()
+def open_lab(folder, area, no_delay):
+    """A lab of this face in the page, watched."""
+    lab = Lab(folder, no_delay)
+    lab.page.add_init_script(WATCH)
+    cells = [cell.replace("AREA", area) for cell in CELLS]
+    lab.open(write_notebook(Path(folder) / "source" / "latency.ipynb", cells))
+    lab.bring_into_view()
+    lab.settle()
+    return lab
+
+
+def drag_for(lab, seconds=10.0, every=0.11):
+    """Latencies (ms), bytes and messages of each move of one long drag."""
+    at = lab.run("", p="lab.view.project(rig.neutral.vertices[corners[:1]])[0].tolist()")["p"]
+    box = lab.page.locator("canvas").first.bounding_box()
+    x, y = box["x"] + at[0] * box["width"], box["y"] + at[1] * box["height"]
+    mouse = lab.page.mouse
+    mouse.move(x - 1, y)
+    lab.settle()
+    mouse.move(x, y)
+    lab.settle()
+    mouse.down()
+    lab.settle()
+    delays, sizes, counts = [], [], []
+    for k in range(round(seconds / every)):
+        lab.page.evaluate("sent.length = got.length = moves.length = 0")
+        mouse.move(x + 5 * np.sin(k / 7.3 + 0.2), y - 6 + 5 * np.cos(k / 5.1))
+        lab.page.wait_for_timeout(1000 * every)
+        moves, got, sent = (lab.page.evaluate(n) for n in ("moves", "got", "sent"))
+        arrived = [t for t, _, is_pose in got if is_pose]
+        if moves and arrived:
+            delays.append(arrived[0] - moves[0])
+            sizes.append(
+                (sum(b for _, b, p in got if p), sum(b for _, b, _ in got), sum(b for _, b in sent))
+            )
+            counts.append(len(got) + len(sent))
+    mouse.up()
+    lab.settle()
+    return np.array(delays), np.array(sizes), np.array(counts)
+
+
+def memory(lab):
+    """Resident memory of the kernel and used heap of the page after a collection, MB."""
+    lab.settle()
+    page = lab.page.context.new_cdp_session(lab.page)
+    page.send("HeapProfiler.collectGarbage")
+    heap = page.send("Runtime.getHeapUsage")["usedSize"] / 2**20
+    return lab.run("import gc; _ = gc.collect()", r="resident()")["r"], heap
+
+
+def print_latency(name, how, delays, sizes, counts):
+    pose, down, up = np.median(sizes, axis=0)
+    print(
+        f"{name:>8}, {how}: median {np.median(delays):.1f} ms, 95 % "
+        f"{np.percentile(delays, 95):.1f} ms ({len(delays)} moves); to the page "
+        f"{pose:.0f} bytes of pose, {down:.0f} in all; from it {up:.0f}; "
+        f"{np.median(counts):.0f} messages",
+        flush=True,
+    )
+
+
+def print_growth(lab, n_drags=1000):
+    lab.run(DRAGS)
+    print("drags   kernel MB   page heap MB")
+    done = 0
+    for goal in (100, n_drags // 2, n_drags):
+        while done < goal:
+            lab.run("drags(20)", timeout=300)
+            done += 20
+        print("{:5d} {:11.1f} {:14.1f}".format(done, *memory(lab)), flush=True)
 
 
 def main():
-    """Print a row for each face and each way of starting the server."""
-    print("from a mouse move to the pose in the page, 100 moves")
-    for name, area in (
-        ("example", "example.rig"),
-        ("9,409", "facelab.load_ict_facekit(area='face')"),
-    ):
+    """Print a row for each face and each way of starting the server, memory, and playback."""
+    print("from a mouse move to the pose in the page, a drag of 10 s")
+    faces = {"example": "example.rig", "9,409": "facelab.load_ict_facekit(area='face')"}
+    for name, area in faces.items():
         for no_delay in (True, False):
-            delays, sizes, counts = measure(area, no_delay)
-            how = "as make lab starts it" if no_delay else "server as it comes"
-            pose, down, up = np.median(sizes, axis=0)
-            print(
-                f"{name:>8}, {how}: median {np.median(delays):.1f} ms, 95 % "
-                f"{np.percentile(delays, 95):.1f} ms ({len(delays)} moves); to the page "
-                f"{pose:.0f} bytes of pose, {down:.0f} in all; from it {up:.0f}; "
-                f"{np.median(counts):.0f} messages",
-                flush=True,
-            )
+            with tempfile.TemporaryDirectory() as folder:
+                lab = open_lab(folder, area, no_delay)
+                try:
+                    how = "as make lab starts it" if no_delay else "server as it comes"
+                    print_latency(name, how, *drag_for(lab))
+                    if no_delay:
+                        lab.run("session.use(rig); session.reset()")
+                        print_latency(name, "rig, whole faces sent", *drag_for(lab))
+                        lab.run("session.use(region); session.reset()")
+                        spent = lab.run(PLAYBACK, timeout=300, s="spent")["s"]
+                        print(f"{name:>8}, take played: {100 / spent:.0f} frames a second leave")
+                    if no_delay and name == "example":
+                        print_growth(lab)
+                finally:
+                    lab.close()
 
 
 if __name__ == "__main__":

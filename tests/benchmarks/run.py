@@ -3,7 +3,19 @@
 import importlib
 import sys
 
-NAMES = ("drag", "generalisation", "latency", "registration", "regression")
+NAMES = (
+    "drag",
+    "expression_latency",
+    "generalisation",
+    "latency",
+    "locality",
+    "registration",
+    "regression",
+    "rig_drag",
+    "segmentation",
+    "training",
+    "transfer",
+)
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or NAMES:

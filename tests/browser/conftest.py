@@ -1,6 +1,7 @@
-"""A real JupyterLab in a real Chromium, with a way to ask the kernel what the mouse did."""
+"""A real Jupyter in a real Chromium, with a way to ask the kernel what the mouse did."""
 
 import ast
+import atexit
 import json
 import os
 import secrets
@@ -10,14 +11,17 @@ import subprocess
 import sys
 import time
 import urllib.request
+from functools import cache
 from pathlib import Path
 
+import nbformat
 import pytest
 from get_browser import find
 from jupyter_client import BlockingKernelClient
 from playwright.sync_api import sync_playwright
 
 ROOT = Path(__file__).resolve().parents[2]
+VOILA = "--ServerApp.jpserver_extensions={'voila.server_extension': True}"
 FLAGS = [  # software rendering, and nothing that calls home
     *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--ignore-gpu-blocklist", "--disable-background-networking", "--no-first-run"),
@@ -25,8 +29,16 @@ FLAGS = [  # software rendering, and nothing that calls home
 ]
 
 
+@cache
+def _playwright():
+    """One for all labs of a run: there cannot be two."""
+    started = sync_playwright().start()
+    atexit.register(started.stop)
+    return started
+
+
 class Lab:
-    """JupyterLab started as `make lab` starts it, one notebook open in one page.
+    """A server started as `make lab` starts it, one notebook open in one page.
 
     Parameters
     ----------
@@ -34,9 +46,12 @@ class Lab:
         Where the server runs; notebooks are copied there.
     no_delay : bool
         Whether to use the lab's own server configuration.
+    app : {"jupyterlab", "notebook", "voila"}
+        What shows the notebook; Voila as `make app` starts it.
     """
 
-    def __init__(self, folder, no_delay=True):
+    def __init__(self, folder, no_delay=True, app="jupyterlab"):
+        self.app = app
         self.folder = Path(folder)
         self.token = secrets.token_hex(16)
         with socket.socket() as s:
@@ -46,9 +61,10 @@ class Lab:
         root = [] if no_delay else ["--allow-root"]  # the lab's own configuration sees to it
         config = [f"--config={ROOT / 'jupyter_server_config.py'}"] if no_delay else []
         self.log = open(self.folder / "server.log", "w")
+        program = ["jupyter", "server", VOILA] if app == "voila" else [app]
         self.server = subprocess.Popen(
             [
-                *(sys.executable, "-m", "jupyterlab", *config, "--no-browser", *root),
+                *(sys.executable, "-m", *program, *config, "--no-browser", *root),
                 *(f"--port={self.base.rsplit(':', 1)[1]}", "--ServerApp.port_retries=0"),
                 *(f"--IdentityProvider.token={self.token}", f"--ServerApp.root_dir={self.folder}"),
             ],
@@ -56,9 +72,8 @@ class Lab:
             stderr=self.log,
             env=self.env,
         )
-        self._wait(lambda: self._get("/api") is not None, 90, "JupyterLab did not start")
-        self.playwright = sync_playwright().start()
-        self.browser = self.playwright.chromium.launch(executable_path=find(), args=FLAGS)
+        self._wait(lambda: self._get("/api") is not None, 90, f"{app} did not start")
+        self.browser = _playwright().chromium.launch(executable_path=find(), args=FLAGS)
         self.page = self.browser.new_page(viewport={"width": 1400, "height": 1000})
         self.client = None
 
@@ -81,20 +96,47 @@ class Lab:
     def open(self, notebook, seconds=300):
         """Open a notebook, run all of it, wait until the kernel is quiet."""
         shutil.copy(notebook, self.folder)
-        page = self.page
-        page.goto(f"{self.base}/lab/tree/{Path(notebook).name}?reset&token={self.token}")
-        page.wait_for_selector(".jp-Notebook .jp-Cell", timeout=90_000)
+        page, name = self.page, Path(notebook).name
+        path = {"jupyterlab": "/lab/tree/", "notebook": "/notebooks/", "voila": "/voila/render/"}
+        address = f"{self.base}{path[self.app]}{name}"
+        page.goto(f"{address}?reset&token={self.token}", timeout=1000 * seconds)
+        if self.app != "voila":
+            page.wait_for_selector(".jp-Notebook .jp-Cell", timeout=90_000)
         self._wait(lambda: self._get("/api/kernels"), 60, "no kernel started")
         page.wait_for_timeout(1500)
-        page.get_by_role("menuitem", name="Run", exact=True).click()
-        page.get_by_role("menuitem", name="Run All Cells", exact=True).click()
         kernel = self._get("/api/kernels")[0]["id"]
         self.client = BlockingKernelClient()
         self.client.load_connection_file(str(self.folder / "runtime" / f"kernel-{kernel}.json"))
         self.client.start_channels()
-        page.wait_for_timeout(1500)
-        self.run("pass", timeout=seconds)  # queued behind the cells
+        if self.app != "voila":
+            self.run_cells(seconds)
         return self
+
+    def run_cells(self, seconds=300):
+        """Run the whole notebook by the menu, wait until the kernel is quiet."""
+        self.page.get_by_role("menuitem", name="Run", exact=True).click()
+        self.page.get_by_role("menuitem", name="Run All Cells", exact=True).click()
+        self.page.wait_for_timeout(1500)
+        self.run("pass", timeout=seconds)  # queued behind the cells
+
+    def restart(self):
+        """A new kernel in the same page: all that it knew is gone."""
+        kernel = self._get("/api/kernels")[0]["id"]
+        address = f"{self.base}/api/kernels/{kernel}/restart?token={self.token}"
+        urllib.request.urlopen(urllib.request.Request(address, method="POST"), timeout=60).read()
+        self.client.wait_for_ready(timeout=60)
+        self.page.wait_for_timeout(1500)
+
+    def bring_into_view(self):
+        """Scroll to the first canvas and wait until nothing moves it any more."""
+        canvas = self.page.locator("canvas").first
+        canvas.wait_for(timeout=120_000)
+        boxes = [None, "none yet"]
+        while boxes[-4:] != [boxes[-1]] * 4:  # pictures that come late move the page
+            canvas.scroll_into_view_if_needed()
+            self.page.wait_for_timeout(400)
+            boxes.append(canvas.bounding_box())
+            assert len(boxes) < 80, "the page does not come to rest"
 
     def run(self, source, timeout=60, **expressions):
         """Run source in the notebook's kernel; values of expressions come back through JSON."""
@@ -123,25 +165,34 @@ class Lab:
         if self.client:
             self.client.stop_channels()
         self.browser.close()
-        self.playwright.stop()
         self.server.terminate()
         self.server.wait(timeout=30)
         self.log.close()
 
 
+CELLS = (
+    "from facelab.widgets import PosingLab",
+    "lab = PosingLab.example()\nlab",
+    "twin = PosingLab(lab.session, lab.models, lab.props, width=240, height=276)\ntwin",
+)
+
+
+def write_notebook(path, cells):
+    """A notebook of these code cells; its folder is made."""
+    path.parent.mkdir(exist_ok=True)
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
+    code = [nbformat.v4.new_code_cell(cell) for cell in cells]
+    nbformat.write(nbformat.v4.new_notebook(cells=code, metadata=kernel), path)
+    return path
+
+
 @pytest.fixture(scope="module")
 def posing_lab(tmp_path_factory):
-    """Notebook 05, run from top to bottom, its lab in view."""
+    """A lab of the example face in JupyterLab, with a second view of its session below."""
     lab = Lab(tmp_path_factory.mktemp("lab"))
     try:
-        lab.open(ROOT / "notebooks" / "05_posing.ipynb")
-        canvas = lab.page.locator(".jp-OutputArea canvas").first
-        boxes = [None, "none yet"]
-        while boxes[-4:] != [boxes[-1]] * 4:  # pictures that come late move the page
-            canvas.scroll_into_view_if_needed()
-            lab.page.wait_for_timeout(700)
-            boxes.append(canvas.bounding_box())
-            assert len(boxes) < 60, "the page does not come to rest"
+        lab.open(write_notebook(lab.folder / "source" / "posing.ipynb", CELLS))
+        lab.bring_into_view()
         yield lab
     finally:
         lab.close()

@@ -1,0 +1,525 @@
+"""The expression lab: a sketch on the left, the face that action units make of it on the right."""
+
+import base64
+import html
+import tempfile
+from pathlib import Path
+
+import ipywidgets as widgets
+import matplotlib
+import numpy as np
+from matplotlib.colors import to_hex
+
+from facelab.expression import CRITERIA
+from facelab.expression_session import ALPHAS, BOUNDS, ExpressionSession
+from facelab.motion import MotionSequence
+from facelab.posing import PosingSession
+from facelab.sculpt import Sculpt
+from facelab.widgets.errors import error_box, shows_errors
+from facelab.widgets.expression_parts import AlphaCurve, UnitBars
+from facelab.widgets.thumbnail import Thumbnails
+from facelab.widgets.viewer import FaceView
+
+_COLORS = "YlGnBu"
+_PICTURE = (60, 66)  # pixels
+_JITTER = 0.6  # mm: a hand that only clicks moves this far
+_UNITS_OF_LENGTH = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+_HINT = (
+    "Left: the sketch. Drag a point of it to change it; drag beside it to turn both faces. "
+    "Right: the face that the units below make of it."
+)
+
+
+class ExpressionLab:
+    """A page in which a sketched expression is explained by action units.
+
+    Parameters
+    ----------
+    session : ExpressionSession
+        What is shown; the lab only passes on what the mouse and the sliders do.
+    sketches : dict of str to source, optional
+        Sketches to choose from. A source is a face (TriangleMesh or vertices), a take
+        (MotionSequence, with a slider through its frames), or a PosingSession: then pulling the
+        sketch poses it by the model. All others are pulled vertex by vertex (`Sculpt`).
+    others : dict of str to face or (face, props), optional
+        Other faces to show the expression on: a BlendshapeRig or an IntermediateSpace each.
+    props : iterable of (TriangleMesh, colors), optional
+        Still parts to show with the face, such as the eyes.
+    folder : str or Path
+        Where results are saved and files are named from.
+    width, height : int
+        Size of one canvas, pixels.
+
+    Attributes
+    ----------
+    session : ExpressionSession
+    sketch_view, view : FaceView
+        The sketch and the optimised face.
+    curve : AlphaCurve
+    bars : UnitBars
+    widget : ipywidgets.Widget
+        The whole page; a lab shows itself as the last line of a cell.
+    """
+
+    def __init__(
+        self, session, sketches=None, others=None, props=(), folder=".", width=290, height=330
+    ):
+        if not isinstance(session, ExpressionSession):
+            raise TypeError(
+                f"session is a {type(session).__name__}, but must be an ExpressionSession."
+            )
+        self.session = session
+        mesh = session.rig.neutral
+        self.sketches = {**(sketches or {}), "neutral": mesh}
+        self.others = {
+            name: other if isinstance(other, tuple) else (other, ())
+            for name, other in (others or {}).items()
+        }
+        self.folder = Path(folder)
+        self._props, self._size = list(props), (width, height)
+        self.sketch_view = FaceView(mesh, props, width, height)
+        self.view = FaceView(mesh, props, width, height, linked_to=self.sketch_view)
+        self.sketch_view.on_hover = self._hover
+        self.sketch_view.on_press = self._press
+        self.sketch_view.on_move = self._move
+        self.sketch_view.on_release = self._release
+        self._puller = self._other_view = self._rms = None
+        self._painted = self._settling = self._pulling = False
+        self._build_parts()
+        self._build_page()
+        self.refresh()
+
+    def _repr_mimebundle_(self, **kwargs):
+        return self.widget._repr_mimebundle_(**kwargs)
+
+    # --- the page ---------------------------------------------------------------------------------
+
+    def _build_parts(self):
+        rig = self.session.rig
+        draw = Thumbnails(rig.neutral, self._props, *_PICTURE).png
+        units = [
+            {
+                "name": name,
+                "tip": f"{name}: {np.linalg.norm(rig.deltas[k], axis=1).max():.1f} mm at weight 1",
+                "picture": base64.b64encode(draw(rig.neutral.vertices + rig.deltas[k])).decode(),
+            }
+            for k, name in enumerate(rig.names)
+        ]
+        self.bars = UnitBars(units, self._edit)
+        self.curve = AlphaCurve(ALPHAS, self._choose_alpha)
+        narrow = {"style": {"description_width": "52px"}, "layout": {"width": "330px"}}
+        self.lam = widgets.FloatLogSlider(
+            value=self._lam_shown(), min=-3, max=1, step=0.05, readout_format=".3g",
+            description="λ (mm)", **narrow,
+        )  # fmt: skip
+        self.lam.tooltip = "How strongly the sum of the weights is held to α"
+        self.bounds = widgets.ToggleButtons(
+            options=list(BOUNDS), style={"button_width": "107px"}, tooltip="Bounds of the weights"
+        )
+        self.criterion = widgets.Dropdown(options=CRITERIA, description="best by", **narrow)
+        self.align, self.clamp, self.difference = (
+            widgets.Checkbox(description=text, indent=False, layout={"width": "330px"})
+            for text in (
+                "take motion of the whole head out",
+                "stop vertices at their boundary",
+                "colour by distance to the sketch",
+            )
+        )
+        self.best, self.undo, self.redo, self.free = (
+            widgets.Button(description=text, tooltip=tip, layout={"width": "80px"})
+            for text, tip in (
+                ("Best α", "Follow the best α"),
+                ("Undo", "One step back"),
+                ("Redo", "One step forward again"),
+                ("Free all", "Let go of all locked and excluded units"),
+            )
+        )
+        wide = {"layout": {"width": "300px"}, "style": {"description_width": "52px"}}
+        self.source = widgets.Dropdown(options=self._sources(), description="sketch", **wide)
+        self.frame = widgets.IntSlider(description="frame", **wide)
+        self.unit = widgets.Dropdown(options=list(_UNITS_OF_LENGTH), layout={"width": "64px"})
+        self.upload = widgets.FileUpload(
+            accept=".obj,.ply,.glb,.stl", description="mesh file in", layout={"width": "130px"}
+        )
+        self.other = widgets.Dropdown(
+            options=["", *self.others], description="also on", **wide,
+            disabled=not self.others,
+        )  # fmt: skip
+        self.file = widgets.Text("expression.csv", layout={"width": "200px"})
+        self.save = widgets.Button(
+            description="Save", icon="save", layout={"width": "79px"},
+            tooltip=".csv: a table; .livelink.csv: ARKit names; .json: a pose; .obj: the face",
+        )  # fmt: skip
+        self._status, self._message, self._key = (widgets.HTML() for _ in range(3))
+        self._sum = widgets.HTML()
+
+    def _build_page(self):
+        top = widgets.HBox([self.source, self.frame, self.upload, self.unit])
+        self._views = widgets.HBox(
+            [self.sketch_view.widget, self.view.widget],
+            layout={
+                "width": f"{2 * self._size[0] + 8}px",
+                "flex_flow": "row wrap",
+                "grid_gap": "6px",
+            },
+        )
+        panel = widgets.VBox(
+            [
+                *(self.curve, self._sum, self.lam, self.bounds, self.criterion),
+                widgets.HBox([self.best, self.undo, self.redo, self.free]),
+                *(self.difference, self._key, self.clamp, self.align),
+            ],
+            layout={"width": "350px", "padding": "0 0 0 8px"},
+        )
+        out = widgets.HBox([self.other, self.file, self.save])
+        self.widget = widgets.VBox(
+            [
+                *(top, self._message),
+                widgets.HBox([self._views, panel], layout={"flex_flow": "row wrap"}),
+                *(self._status, self.bars, out),
+            ]
+        )
+        for control, react in (
+            (self.lam, self._slide),
+            (self.bounds, self._choose),
+            (self.criterion, self._choose),
+            (self.align, self._choose),
+            (self.clamp, self._choose),
+            (self.source, self._choose_source),
+            (self.frame, self._choose_frame),
+            (self.upload, self._take_file),
+            (self.difference, self._show_difference),
+            (self.other, self._choose_other),
+        ):
+            control.observe(react, names="value")
+        for button in (self.best, self.undo, self.redo, self.free):
+            button.on_click(self._press_button)
+        self.save.on_click(self._save)
+        for source in self.sketches.values():
+            if isinstance(source, PosingSession):
+                source.observe(self._posed)
+
+    def _sources(self):
+        name = self._place_of(self.session.state.origin)[0]
+        return [*self.sketches] if name in self.sketches else [name, *self.sketches]
+
+    def _lam_shown(self):
+        return float(np.clip(self.session.state.lam, 1e-3, 10))
+
+    # --- what is shown ----------------------------------------------------------------------------
+
+    def refresh(self):
+        """Show the session as it is now, sketch and settings too."""
+        state = self.session.state
+        self._message.value = ""
+        self._settling = True
+        self.sketch_view.show(self.session.sketch)
+        self.sketch_view.show_pins(*self._pins())
+        name, frame = self._place_of(state.origin)
+        if self.source.options != tuple(self._sources()):
+            self.source.options = self._sources()
+        self.source.value = name
+        self.frame.layout.visibility = "hidden" if frame is None else "visible"
+        if frame is not None:
+            self.frame.max = self.sketches[name].n_frames - 1
+            self.frame.value = frame
+        self.lam.value = self._lam_shown()
+        self.bounds.value, self.criterion.value = state.bounds, state.criterion
+        self.align.value, self.clamp.value = state.align is True, state.clamp
+        self._show_history()
+        self._settling = False
+        self._show_answer()
+        self._show_difference()
+
+    def _show_history(self):
+        self.undo.disabled = not self.session.can_undo
+        self.redo.disabled = not self.session.can_redo
+
+    def _show_answer(self):
+        """Show what the units make: all that may change while a slider or the mouse moves."""
+        session, fit = self.session, self.session.fit
+        self.view.show(session.vertices)
+        if self._other_view is not None:
+            self._other_view.show(session.on(self.others[self.other.value][0]))
+        weights = np.round(session.weights, 4)
+        self.bars.weights = weights.tolist()
+        self.bars.states = [self._state_of(name) for name in session.names]
+        self._settling = True
+        with self.curve.hold_sync():
+            if fit.rms is not self._rms:
+                self._rms, self.curve.rms = fit.rms, np.round(fit.rms, 4).tolist()
+            self.curve.best, self.curve.reach = fit.best, min(session.reach[1], 1e6)
+            self.curve.place = int(np.abs(ALPHAS - session.alpha).argmin())
+        self._settling = False
+        self._paint()
+        self._tell()
+
+    def _state_of(self, name):
+        session = self.session
+        if name in session.state.locked:
+            return "locked"
+        if name in session.state.excluded:
+            return "excluded"
+        return "dropped" if name in session.dropped else "free"
+
+    def _tell(self):
+        session = self.session
+        following = " (best)" if session.state.alpha is None else ""
+        over = session.excess
+        self._sum.value = (
+            f"α = {session.alpha:g}{following}: sum {session.weights.sum():.2f}, "
+            f"RMS {session.rms:.3f} mm"
+        )
+        said = [session.note] * bool(session.note)
+        if over.max() > 0.05:
+            where = "stopped at" if session.state.clamp else "beyond"
+            said.append(
+                f"{np.count_nonzero(over > 0.05)} vertices {where} their boundary, the furthest by "
+                f"{over.max():.1f} mm."
+            )
+        self._status.value = f'<span style="color:#555">{" ".join(said or [_HINT])}</span>'
+
+    def _show_difference(self, _=None):
+        """The scale of the colours: set anew when something has settled, not while it moves."""
+        self._full = _nice(self.session.distance.max())
+        self._key.value = _color_key(self._full) if self.difference.value else ""
+        self._paint()
+
+    def _paint(self):
+        if self.difference.value:
+            share = (self.session.distance / self._full).clip(0, 1)
+            self.view.paint(matplotlib.colormaps[_COLORS](share)[:, :3])
+        elif self._painted:
+            self.view.paint(None)
+        self._painted = self.difference.value
+
+    def _fail(self, error):
+        """Show an error, give up the drag it happened in, and keep the last good state."""
+        self.sketch_view.end_drag()
+        if self._pulling:
+            self._puller.cancel()
+        self._pulling = False
+        self.session.settle()
+        self.refresh()
+        self._message.value = error_box(error, "Sketch and weights are as they were.")
+
+    # --- the mouse on the sketch ------------------------------------------------------------------
+
+    def _posing(self):
+        """The PosingSession that the sketch on screen comes from, or None."""
+        source = self.sketches.get(self._place_of(self.session.state.origin)[0])
+        if isinstance(source, PosingSession):
+            # by rounding: a drag adds what its release solves
+            if np.allclose(source.vertices, self.session.state.sketch, rtol=0, atol=1e-6):
+                return source
+        return None
+
+    def _pins(self):
+        posing = self._posing()
+        pins = {} if posing is None else posing.pins
+        return self.session.sketch[list(pins)], np.array(list(pins.values())).reshape(-1, 3)
+
+    @shows_errors
+    def _hover(self, vertex):
+        self.sketch_view.show_hover(None if vertex is None else self.session.sketch[vertex])
+
+    @shows_errors
+    def _press(self, vertex):
+        session = self.session
+        posing = self._posing()
+        self._puller = posing or Sculpt(session.rig.neutral, session.sketch)
+        self._pulled = session.state.origin if posing else "pulled by hand"
+        self._pulling = self._clicking = True
+        D = self._puller.press(vertex)
+        self._held, self._from = vertex, self._puller.pins[vertex]
+        self._message.value = ""
+        session.settle()
+        self.sketch_view.show_hover(None)
+        self._morphs = D is not None  # else the pose is not affine in the pull
+        if self._morphs:
+            self.sketch_view.show_pins(np.empty((0, 3)), np.empty((0, 3)))
+            self.sketch_view.begin_morph(D, vertex, self._from)
+
+    @shows_errors
+    def _move(self, offset):
+        if self._clicking and np.linalg.norm(offset) < _JITTER:
+            return
+        self._clicking = False
+        self._puller.drag(self._held, self._from + offset)
+        self.session.load(self._puller.vertices, self._pulled, live=True)
+        if self._morphs:
+            self.sketch_view.morph(offset)
+        else:
+            self.sketch_view.show(self.session.sketch)
+        self._show_answer()
+
+    @shows_errors
+    def _release(self):
+        self._puller.release()
+        self._pulling = False
+        self.session.settle()
+        self.refresh()
+
+    @shows_errors
+    def _posed(self, what):
+        """Follow a PosingSession that is pulled elsewhere, as in a PosingLab on the same page."""
+        origin = self.session.state.origin
+        source = self.sketches.get(origin)
+        if self._pulling or not isinstance(source, PosingSession):
+            return
+        self.session.load(source.vertices, origin, live=True)
+        if what == "step":
+            self.session.settle()
+            self.refresh()
+        else:
+            self.sketch_view.show(self.session.sketch)
+            self._show_answer()
+
+    # --- controls ---------------------------------------------------------------------------------
+
+    def _choose_alpha(self, place):
+        if not self._settling:
+            self._set(alpha=float(ALPHAS[place]))
+
+    @shows_errors
+    def _set(self, **changes):
+        """Pass on what only changes the answer: quick enough for a slider on the move."""
+        self.session.set(**changes)
+        self._message.value = ""
+        self._show_answer()
+        self._show_history()
+
+    @shows_errors
+    def _slide(self, change):
+        # the page rounds a value to its slider's grid and sends it back: that is no edit
+        if not self._settling and abs(np.log10(change["new"] / self._lam_shown())) > 0.02:
+            self._set(lam=change["new"])
+
+    @shows_errors
+    def _choose(self, _):
+        if not self._settling:
+            self.session.set(
+                bounds=self.bounds.value,
+                criterion=self.criterion.value,
+                align=True if self.align.value else "check",
+                clamp=self.clamp.value,
+            )
+            self.refresh()
+
+    @shows_errors
+    def _edit(self, what, unit, weight):
+        session, name = self.session, self.session.names[unit]
+        if what == "settle":
+            session.settle()
+            self.refresh()
+            return
+        if what == "weight":
+            session.lock(name, weight)
+        elif self._state_of(name) == {"lock": "locked", "exclude": "excluded"}[what]:
+            session.release(name)
+        elif what == "lock":
+            session.lock(name)
+            session.settle()
+        else:
+            session.exclude(name)
+        self._message.value = ""
+        self._show_answer()
+        self._show_history()
+
+    @shows_errors
+    def _press_button(self, button):
+        session, before = self.session, self.session.state
+        posing = self._posing()
+        if button is self.best:
+            session.set(alpha="best")
+        elif button is self.free:
+            session.release()
+        else:
+            back = button is self.undo
+            session.undo() if back else session.redo()
+            state = session.state
+            if posing and state.origin == before.origin and state.sketch is not before.sketch:
+                self._pulling = True  # what follows is not news
+                posing.undo() if back else posing.redo()
+                self._pulling = False
+        self.refresh()
+
+    # --- where sketches come from, and where results go -------------------------------------------
+
+    def _place_of(self, origin):
+        """Name of the source of a sketch, and the frame where it is a take."""
+        name, _, frame = origin.rpartition(", frame ")
+        return (name, int(frame)) if name in self.sketches and frame.isdigit() else (origin, None)
+
+    @shows_errors
+    def _choose_source(self, change):
+        if self._settling or change["new"] not in self.sketches:
+            return
+        source = self.sketches[change["new"]]
+        if isinstance(source, MotionSequence):
+            self._load_frame(change["new"], int(np.argmax(source.valid)))
+        else:
+            self.session.load(getattr(source, "vertices", source), change["new"])
+        self.refresh()
+
+    @shows_errors
+    def _choose_frame(self, change):
+        if not self._settling:
+            self._load_frame(self.source.value, change["new"], live=True)
+            self.sketch_view.show(self.session.sketch)
+            self._show_answer()
+            self._show_history()
+
+    def _load_frame(self, name, frame, live=False):
+        origin = f"{name}, frame {frame}"
+        self.session.load_frame(self.sketches[name], frame, origin, live)
+
+    @shows_errors
+    def _take_file(self, change):
+        if not change["new"]:
+            return
+        (file,) = change["new"]
+        self.upload.value = ()
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / file["name"]
+            path.write_bytes(file["content"])
+            self.session.load_file(path, _UNITS_OF_LENGTH[self.unit.value], file["name"])
+        self.refresh()
+
+    @shows_errors
+    def _choose_other(self, change):
+        self._other_view = None
+        if change["new"]:
+            face, props = self.others[change["new"]]
+            mesh = face.neutral if hasattr(face, "neutral") else face.target
+            near = np.linalg.norm(mesh.vertices.mean(axis=0) - self.view._target) < 60
+            self._other_view = FaceView(
+                mesh, props, *self._size, linked_to=self.sketch_view if near else None
+            )
+        views = [v.widget for v in (self.sketch_view, self.view, self._other_view) if v]
+        self._views.children = views
+        self._show_answer()
+
+    @shows_errors
+    def _save(self, _):
+        path = self.folder / self.file.value
+        left_out = self.session.save(path)
+        self._message.value = (
+            f"<span>Saved {html.escape(str(path))}. {html.escape(left_out)}</span>"
+        )
+
+
+def _nice(value):
+    """The next of 1, 2, 5 times a power of ten, at least 0.1."""
+    value = max(value, 0.1)
+    power = 10.0 ** np.floor(np.log10(value))
+    return next(n * power for n in (1, 2, 5, 10) if n * power >= value * (1 - 1e-9))
+
+
+def _color_key(full):
+    colors = [to_hex(c) for c in matplotlib.colormaps[_COLORS](np.linspace(0, 1, 9))]
+    return (
+        '<div style="display:flex;gap:6px;align-items:center;font-size:12px">0'
+        f'<span style="width:180px;height:12px;background:linear-gradient(90deg,'
+        f'{",".join(colors)})"></span>{full:g} mm</div>'
+    )

@@ -1,0 +1,74 @@
+"""What the expression lab draws itself: the error over alpha, and a bar for each unit."""
+
+from pathlib import Path
+
+import anywidget
+import traitlets
+
+_HERE = Path(__file__).parent
+
+
+class _Part(anywidget.AnyWidget):
+    _esm = (_HERE / "expression_parts.js").read_text()
+    _css = (_HERE / "expression_parts.css").read_text()
+    kind = traitlets.Unicode().tag(sync=True)
+
+
+class AlphaCurve(_Part):
+    """RMS distance over alpha, the best one and the present one marked, and a slider below.
+
+    Parameters
+    ----------
+    alphas : sequence of float
+        Ascending, from 0.
+    on_choose : callable
+        Called with the place of an alpha that was chosen in the page.
+
+    Attributes
+    ----------
+    rms : list of float
+        For each alpha, millimetres.
+    place, best : int
+        Of the present and of the best alpha.
+    reach : float
+        Largest sum of the weights; beyond it the curve is shaded.
+    """
+
+    alphas = traitlets.List().tag(sync=True)
+    rms = traitlets.List().tag(sync=True)
+    best = traitlets.Int().tag(sync=True)
+    reach = traitlets.Float().tag(sync=True)
+    place = traitlets.Int().tag(sync=True, echo_update=False)
+
+    def __init__(self, alphas, on_choose):
+        super().__init__(kind="curve", alphas=list(alphas), rms=[0.0] * len(alphas))
+        self.observe(lambda change: on_choose(change["new"]), names="place")
+
+
+class UnitBars(_Part):
+    """A row for each unit: picture, name, bar, lock, exclude.
+
+    Parameters
+    ----------
+    units : list of dict
+        name, tip, and picture (PNG as base64, may be empty) of each.
+    on_edit : callable
+        Called with "lock", "exclude", "weight" or "settle" (a drag ended), the number of the unit
+        and the weight.
+
+    Attributes
+    ----------
+    weights : list of float
+    states : list of str
+        "free", "locked", "excluded" or "dropped" for each unit.
+    """
+
+    units = traitlets.List().tag(sync=True)
+    weights = traitlets.List().tag(sync=True)
+    states = traitlets.List().tag(sync=True)
+    edit = traitlets.List().tag(sync=True, echo_update=False)
+
+    def __init__(self, units, on_edit):
+        blank = {"weights": [0.0] * len(units), "states": ["free"] * len(units)}
+        super().__init__(kind="bars", units=units, **blank)
+        self.observe(lambda change: on_edit(*change["new"][:3]), names="edit")

@@ -1,0 +1,224 @@
+"""Time in the posing lab: a clip of key poses, and recorded takes with the pose on top."""
+
+import ipywidgets as widgets
+import numpy as np
+
+from facelab.poses import Clip
+from facelab.widgets.errors import shows_errors
+from facelab.widgets.page import ItemList
+from facelab.widgets.posing_panels import WIDTH, Panel, quiet
+
+_FPS = 25  # no more frames than this are sent to the page
+_KEYS = "key poses"
+
+
+class ClipPanel(Panel):
+    """Play and scrub through key poses, or through a take that the model performs.
+
+    Attributes
+    ----------
+    clip : Clip or None
+        The key poses, of the model in `model`.
+    frame : callable or None
+        Gives the vertices of the moment on the slider, while it is shown.
+    over_pose : bool
+        Whether that follows the pose: a take is shown with the pose as an offset on it.
+    """
+
+    def _build(self):
+        self.clip = self.model = self.frame = None
+        self._tracks = {}
+        self.source = widgets.Dropdown(
+            options=[_KEYS, *self.lab.takes], description="show", layout={"width": WIDTH}
+        )
+        self.play = widgets.Play(interval=1000 // _FPS, max=3 * _FPS)
+        self.slider = widgets.IntSlider(max=3 * _FPS, readout=False, layout={"width": "130px"})
+        self._link = widgets.jslink((self.play, "value"), (self.slider, "value"))
+        self._time = widgets.Label(layout={"width": "52px"})
+        self.key = _button("Key here", "Make the pose a key at this moment")
+        self.length = widgets.BoundedFloatText(
+            3, min=0.2, max=600, step=0.5, description="seconds", layout={"width": "130px"}
+        )
+        self.easing = widgets.Dropdown(
+            options=["smooth", "linear"], layout={"width": "90px"}, tooltip="Between the keys"
+        )
+        self.keys = ItemList("choice", self._react, empty="Pose the face, then press 'Key here'.")
+        self._key_box = widgets.VBox(
+            [widgets.HBox([self.key, self.length, self.easing]), self.keys]
+        )
+        self.pose_it = _button("Pose this frame", "Make the frame on the slider the pose")
+        self.stop = _button("Back to the pose", "Show the pose again")
+        self._about = widgets.HTML()
+        self.source.style.description_width = self.length.style.description_width = "56px"
+        self.widget = widgets.VBox(
+            [
+                self.source,
+                widgets.HBox([self.play, self.slider, self._time]),
+                widgets.HBox([self.pose_it, self.stop]),
+                self._key_box,
+                self._about,
+            ]
+        )
+        self.slider.observe(self._scrub, names="value")
+        self.source.observe(self._choose, names="value")
+        self.length.observe(self._choose, names="value")
+        self.easing.observe(self._ease, names="value")
+        for button in (self.key, self.pose_it, self.stop):
+            button.on_click(self._press)
+
+    @property
+    def over_pose(self):
+        """Whether a take is on, with the pose as an offset."""
+        return self.frame is not None and self.source.value != _KEYS
+
+    @property
+    def seconds(self):
+        """Where the slider stands."""
+        return self.slider.value / _FPS
+
+    def set_clip(self, clip):
+        """Put a clip of the session's model on the slider; None takes it away."""
+        self.clip, self.model = clip, self.session.model
+        if clip is not None:
+            with quiet(self):
+                self.length.value = max(self.length.value, float(clip.times[-1]))
+                self.easing.value = clip.easing
+        self._fit()
+        self.refresh()
+
+    def refresh(self):
+        """Show the keys, and what a take that is on means."""
+        times = () if self.clip is None else self.clip.times
+        remove = [["remove", "✕", "Remove this key", False]]
+        self.keys.items = [
+            {"id": i, "name": f"key at {t:.2f} s", "buttons": remove} for i, t in enumerate(times)
+        ]
+        near = [i for i, t in enumerate(times) if abs(t - self.seconds) < 0.5 / _FPS]
+        self.keys.chosen = near[0] if near else -1
+        self._key_box.layout.display = "flex" if self.source.value == _KEYS else "none"
+        self._about.value = (
+            ""
+            if self.source.value == _KEYS
+            else (
+                '<div style="color:#666;line-height:1.3">The model plays the take, and the pose is '
+                "added to every frame: drag the face to edit all of it.</div>"
+            )
+        )
+        self._time.value = f"{self.seconds:.2f} s"
+
+    def toggle(self):
+        """Play, or pause."""
+        self.play.playing = not self.play.playing
+
+    def take_up(self):
+        """Before a drag on a frame of the clip: that frame becomes the pose."""
+        if not self.over_pose:
+            self._pose_frame()
+
+    # --- callbacks --------------------------------------------------------------------------------
+
+    def _fit(self):
+        """As many steps on the slider as what it shows is long."""
+        last = self.length.value
+        if self.source.value != _KEYS:
+            last = (len(self._track()) - 1) / self._take_fps()
+        with quiet(self):
+            self.play.max = self.slider.max = max(int(last * _FPS), 1)
+
+    def _track(self):
+        """Coefficients of the take in the session's model, found once for each model."""
+        name, model = self.source.value, self.session.model
+        if self._tracks.get(name, (None,))[0] is not model:
+            self._tracks[name] = model, self._encoded(name)
+        return self._tracks[name][1]
+
+    def _encoded(self, name):
+        refused = None
+        for form in self._forms(name):
+            try:
+                return self.session.encode(form)
+            except (TypeError, ValueError) as error:
+                refused = error
+        raise refused
+
+    def _forms(self, name):
+        take = self.lab.takes[name]
+        return take if isinstance(take, tuple) else (take,)
+
+    def _take_fps(self):
+        return self._forms(self.source.value)[0].fps
+
+    def _coefficients(self):
+        """Of the moment on the slider, shape (P,)."""
+        if self.source.value == _KEYS:
+            if self.clip is None:
+                raise ValueError("there is no key pose yet; pose the face and press 'Key here'.")
+            if self.model is not self.session.model:
+                raise ValueError("the key poses are of another model; choose that model first.")
+            return self.clip.at(self.seconds)
+        track = self._track()
+        now = min(round(self.seconds * self._take_fps()), len(track) - 1)
+        seen = np.flatnonzero(np.isfinite(track[: now + 1]).all(axis=1))
+        if not seen.size:
+            raise ValueError("the take has no good frame so far; move the slider on.")
+        return self.session.overlay(track[seen[-1:]])[0]
+
+    @shows_errors
+    def _scrub(self, _):
+        if self._settling:
+            return
+        self._coefficients()  # what is wrong is said before anything is shown
+        self.frame = self.lab.frame = lambda: self.session.vertices_of(self._coefficients())
+        self.refresh()
+        self.lab.show()
+
+    def _leave(self):
+        self.play.playing = False
+        self.frame = self.lab.frame = None
+        self.lab.refresh()
+
+    @shows_errors
+    def _choose(self, _):
+        if not self._settling:
+            self._leave()
+            self._fit()
+            self.refresh()
+
+    @shows_errors
+    def _ease(self, change):
+        if self.clip is not None and not self._settling:
+            self.set_clip(Clip(self.clip.times, self.clip.poses, change["new"], self.clip.names))
+
+    def _pose_frame(self):
+        coefficients = self._coefficients()
+        self._leave()
+        self.session.apply(coefficients)
+
+    @shows_errors
+    def _press(self, button):
+        if button is self.key:
+            self._add_key()
+        elif button is self.pose_it:
+            self._pose_frame()
+        else:
+            self._leave()
+
+    def _add_key(self):
+        state = self.session.state
+        if self.clip is None or self.model is not state.model:
+            clip = Clip.of([(self.seconds, state)])
+        else:
+            clip = self.clip.with_key(self.seconds, state)
+        self.set_clip(clip)
+
+    @shows_errors
+    def _react(self, do, i):
+        if do == "choose":
+            self.slider.value = round(float(self.clip.times[i]) * _FPS)
+        else:
+            left = len(self.clip.times) - 1
+            self.set_clip(self.clip.without_key(i) if left else None)
+
+
+def _button(text, tip):
+    return widgets.Button(description=text, tooltip=tip, layout={"width": "auto"})

@@ -1,0 +1,134 @@
+"""A face whose regions follow the sliders of the segmentation, live."""
+
+import html
+import warnings
+
+import ipywidgets as widgets
+
+from facelab.plotting import region_colors
+from facelab.segmentation import Likeness
+from facelab.widgets.errors import error_box, shows_errors
+from facelab.widgets.viewer import FaceView
+
+
+class SegmentationView:
+    """A page in which λ, r, the threshold and the number of regions are tried out.
+
+    Parameters
+    ----------
+    likeness : Likeness
+        How alike the vertices of the face are; where the sliders start.
+    face : TriangleMesh, optional
+        A dense face to colour instead of the control mesh.
+    samples : array_like of int, optional
+        Where the vertices of the control mesh lie on it.
+    props : iterable of (TriangleMesh, colors), optional
+        Still parts to show with the face, such as the eyes.
+    n_regions : int, default=9
+        Where that slider starts.
+    random_state : int, default=0
+        The same for every cut, so that a slider moved back shows the same again.
+    width, height : int
+        Size of the canvas, pixels.
+
+    Attributes
+    ----------
+    regions : Regions
+        The cut on screen; when one fails, the last that did not.
+    lam, r, threshold, n_regions, grow : ipywidgets.Widget
+        The controls; setting their `value` cuts anew. With `grow` on, the number of regions is
+        found as in the paper.
+    view : FaceView
+    widget : ipywidgets.Widget
+        The whole page; the view shows itself as the last line of a cell.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `likeness` is something else, or only one of `face` and `samples` is given.
+    """
+
+    def __init__(
+        self,
+        likeness,
+        face=None,
+        samples=None,
+        props=(),
+        n_regions=9,
+        random_state=0,
+        width=520,
+        height=520,
+    ):
+        if not isinstance(likeness, Likeness):
+            raise TypeError(
+                f"likeness is a {type(likeness).__name__}; give Likeness.of(motion), a Likeness."
+            )
+        if (face is None) != (samples is None):
+            raise ValueError("face and samples belong together: give both, or neither.")
+        self.likeness, self._seed = likeness, random_state
+        self._on_screen = slice(None) if face is None else face.nearest_of(samples)
+        self.view = FaceView(likeness.mesh if face is None else face, props, width, height)
+        self._build_controls(n_regions)
+        self.widget = widgets.VBox(
+            [
+                self.view.widget,
+                *(self.lam, self.r, self.threshold),
+                widgets.HBox([self.n_regions, self.grow]),
+                *(self._status, self._message),
+            ]
+        )
+        self.regions, self._colors = None, None
+        self._cut()
+
+    def _repr_mimebundle_(self, **kwargs):
+        return self.widget._repr_mimebundle_(**kwargs)
+
+    def _build_controls(self, n_regions):
+        start = self.likeness
+        most = min(30, start.mesh.n_vertices)
+        self.lam = _slider("λ", start.lam, 0, 1, 0.05)
+        self.r = _slider("r (mm)", start.r, 1, max(40, start.r), 1)
+        self.threshold = _slider("threshold", start.threshold, 0, 1, 0.05)
+        self.n_regions = widgets.IntSlider(
+            value=n_regions, min=1, max=max(most, n_regions), description="regions"
+        )
+        self.grow = widgets.Checkbox(description="as many as stay compact", indent=False)
+        self._status, self._message = widgets.HTML(), widgets.HTML()
+        for control in (self.lam, self.r, self.threshold, self.n_regions, self.grow):
+            control.observe(self._changed, names="value")
+
+    @shows_errors
+    def _changed(self, _):
+        self._cut()
+        self._message.value = ""
+
+    def _cut(self):
+        likeness = self.likeness.with_(
+            lam=self.lam.value, r=self.r.value, threshold=self.threshold.value
+        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # that all k were compact: `why` says it
+            regions = likeness.segment(
+                None if self.grow.value else self.n_regions.value,
+                max_regions=self.n_regions.max,
+                random_state=self._seed,
+                progress=False,
+            )
+        before = None if self.regions is None else (self.regions, self._colors)
+        colors = region_colors(regions, like=before)  # so that a region keeps its colour
+        self.view.paint(colors[regions.labels][self._on_screen])
+        self.regions, self._colors = regions, colors
+        self.n_regions.disabled = self.grow.value
+        self._status.value = (
+            f'<div style="color:#444;line-height:1.35;max-width:60em">'
+            f"{html.escape(str(regions))}<br>{html.escape(regions.why)}</div>"
+        )
+
+    def _fail(self, error):
+        self._message.value = error_box(error, "The regions are as they were.")
+
+
+def _slider(name, value, low, high, step):
+    return widgets.FloatSlider(
+        value=value, min=low, max=high, step=step, description=name, readout_format=".2f"
+    )

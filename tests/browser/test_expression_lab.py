@@ -1,0 +1,129 @@
+"""The expression lab as a person uses it, in JupyterLab: sliders, buttons and bars of the page."""
+
+import nbformat
+import numpy as np
+import pytest
+from conftest import Lab
+
+CELL = """
+import facelab, numpy as np
+from facelab.expression_session import ExpressionSession
+from facelab.widgets.expression_lab import ExpressionLab
+rig = facelab.load_example().rig
+small = rig.on(*rig.neutral.subsample(397))
+n = len(small.names)
+first, second = (small.shape(0.8 * (np.arange(n) % 9 == k)) for k in (2, 5))
+session = ExpressionSession(small, first, origin="first")
+lab = ExpressionLab(session, {"first": first, "second": second, "broken": first[1:]})
+lab
+"""
+
+
+@pytest.fixture(scope="module")
+def page_lab(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("expression")
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)], metadata=kernel)
+    (folder / "source").mkdir()
+    nbformat.write(notebook, folder / "source" / "expression.ipynb")
+    lab = Lab(folder)
+    try:
+        lab.open(folder / "source" / "expression.ipynb")
+        lab.page.locator(".facelab-unit").first.wait_for()
+        lab.settle()
+        yield lab
+    finally:
+        lab.close()
+
+
+def state(lab):
+    """Alpha, weights and vertices of the session; as JSON from the kernel."""
+    told = lab.run(
+        "", a="session.alpha", w="session.weights.tolist()", v="session.vertices.tolist()"
+    )
+    return told["a"], np.array(told["w"]), np.array(told["v"])
+
+
+def bar(lab, name):
+    """Width of a unit's bar on the page, per cent."""
+    row = lab.page.locator(".facelab-unit", has=lab.page.get_by_label(f"lock {name}", exact=True))
+    return float(row.locator(".facelab-unit-filled").evaluate("e => parseFloat(e.style.width)"))
+
+
+def test_alpha_and_locks_move_face_and_bars_and_undo_brings_them_back(page_lab):
+    lab, page = page_lab, page_lab.page
+    face = page.locator(".jp-OutputArea canvas").nth(1)
+    alpha, w, V = state(lab)
+    strongest = lab.run("", n="next(iter(session.named))")["n"]
+    k = lab.run("", k=f"session.names.index({strongest!r})")["k"]
+    assert bar(lab, strongest) == pytest.approx(100 * w[k], abs=0.1)
+    before = face.screenshot()
+    page.get_by_label("alpha", exact=True).focus()
+    for _ in range(25):
+        page.keyboard.press("ArrowLeft")
+    lab.settle()
+    moved_alpha, moved_w, moved_V = state(lab)
+    assert moved_alpha < alpha - 1 and np.abs(moved_V - V).max() > 0.5
+    assert bar(lab, strongest) == pytest.approx(100 * moved_w[k], abs=0.1)
+    assert face.screenshot() != before, "the page shows no change"
+    assert page.get_by_text(f"α = {moved_alpha:g}: sum").is_visible()
+
+    page.get_by_label(f"lock {strongest}", exact=True).click()
+    page.get_by_role("button", name="Best α").click()
+    lab.settle()
+    assert state(lab)[1][k] == pytest.approx(moved_w[k], abs=1e-12), "the lock should hold"
+    handle = page.locator(".facelab-unit-bar").nth(k)
+    handle.scroll_into_view_if_needed()
+    box = handle.bounding_box()
+    page.mouse.move(box["x"] + 0.2 * box["width"], box["y"] + 8)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 8, steps=6)
+    page.mouse.up()
+    lab.settle()
+    assert state(lab)[1][k] == pytest.approx(0.6, abs=0.05), "a bar sets its weight"
+    page.get_by_label(f"exclude {strongest}", exact=True).click()
+    lab.settle()
+    assert state(lab)[1][k] == 0 and bar(lab, strongest) == 0
+    for _ in range(20):
+        if page.get_by_role("button", name="Undo").is_enabled():
+            page.get_by_role("button", name="Undo").click()
+            lab.settle()
+    np.testing.assert_array_equal(state(lab)[2], V)
+
+
+def test_another_sketch_is_loaded_pulled_and_a_bad_one_refused_in_the_page(page_lab):
+    lab, page = page_lab, page_lab.page
+    lab.run("session.release(); session.set(alpha='best'); lab.refresh()")
+    sources = page.locator(".jp-OutputArea select").first
+    sources.select_option("second")
+    lab.settle()
+    expected = lab.run("", s="second.tolist()", r="session.rms")
+    np.testing.assert_allclose(lab.run("", s="session.sketch.tolist()")["s"], expected["s"])
+    assert expected["r"] < 0.1
+    _, w, V = state(lab)
+
+    sources.select_option("broken")
+    lab.settle()
+    assert page.get_by_text("sketch has shape (396, 3)").is_visible()
+    assert sources.input_value() == "second"
+    np.testing.assert_array_equal(state(lab)[2], V)
+
+    vertex = lab.run("", v="int(small.neutral.vertices[:, 2].argmax())")["v"]  # the nose
+    sketch = page.locator(".jp-OutputArea canvas").first
+    sketch.scroll_into_view_if_needed()
+    at = lab.run("", p=f"lab.sketch_view.project(session.sketch[[{vertex}]])[0].tolist()")["p"]
+    box = sketch.bounding_box()
+    x, y = box["x"] + at[0] * box["width"], box["y"] + at[1] * box["height"]
+    page.mouse.move(x + 5, y + 3)
+    lab.settle()
+    page.mouse.move(x, y)
+    lab.settle()
+    page.mouse.down()
+    lab.settle()
+    page.mouse.move(x, y + 12, steps=6)
+    lab.settle()
+    page.mouse.up()
+    lab.settle()
+    assert lab.run("", o="session.state.origin")["o"] == "pulled by hand"
+    assert not page.get_by_text("sketch has shape").is_visible()
+    assert np.abs(state(lab)[1] - w).max() > 0.01, "the units should have followed the pull"

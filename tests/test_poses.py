@@ -1,0 +1,465 @@
+import json
+
+import numpy as np
+import pytest
+from planted import corner_regions
+from shapes import grid_mesh
+
+from facelab.blendshapes import BlendshapeRig
+from facelab.mesh import TriangleMesh
+from facelab.models import HolisticModel, RegionModel
+from facelab.poses import (
+    Clip,
+    fingerprint,
+    interpolate,
+    load_clip,
+    load_pose,
+    read_log,
+    replay,
+    save_clip,
+    save_pose,
+)
+from facelab.posing import PosingSession
+
+
+def trained(seed=1, n_components=5):
+    X = np.random.default_rng(seed).normal(size=(50, 126))
+    return RegionModel(corner_regions(), n_components).fit(X)
+
+
+class Clock:
+    """Seconds that pass by one a look."""
+
+    def __init__(self):
+        self.now = 1e9
+
+    def __call__(self):
+        self.now += 1
+        return self.now
+
+
+@pytest.fixture
+def model():
+    return trained()
+
+
+def fresh(model, **settings):
+    return PosingSession(model, corner_regions().mesh, clock=Clock(), **settings)
+
+
+@pytest.fixture
+def session(model):
+    return fresh(model)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "pose.json"
+
+
+def pull(session, vertex, by):
+    session.drag(vertex, session.vertices[vertex] + by)
+    session.release()
+
+
+def edited(session):
+    """A pose with something of everything in it."""
+    pull(session, 3, [2.0, 1, 1 / 3])
+    session.mold(1, 2, 0.7)
+    session.keep()
+    session.mold(0, 0, -1.1)
+    pull(session, 20, [0.0, 0.1, -3])
+    session.set_pin(20, weight=2.5, locked=True)
+    session.hold(30)
+    session.set(beta=0.3, gamma=0.04)
+    return session
+
+
+def assert_same_pose(one, two):
+    np.testing.assert_array_equal(one.vertices, two.vertices)
+    assert one.pins.keys() == two.pins.keys()
+    for v, t in one.pins.items():
+        np.testing.assert_array_equal(t, two.pins[v])
+    for name in ("pin_weights", "locked", "beta", "gamma", "limit"):
+        assert getattr(one, name) == getattr(two, name)
+    for region in range(4):
+        np.testing.assert_array_equal(one.mold_values(region), two.mold_values(region))
+
+
+# --- poses ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("limit", [None, 2.0])
+def test_a_pose_comes_back_to_the_bit_in_another_session(session, path, limit):
+    edited(session).set(limit=limit)
+    save_pose(path, session, name="smirk")
+    other = fresh(trained())  # as after a restart: the same training, another object
+    load_pose(path, other)
+    assert_same_pose(other, session)
+    pull(session, 8, [1.0, 0, 0])
+    pull(other, 8, [1.0, 0, 0])
+    assert_same_pose(other, session)
+    other.undo()
+    other.undo()
+    np.testing.assert_array_equal(other.vertices, other.neutral.vertices)
+    assert json.loads(path.read_text())["name"] == "smirk"
+
+
+def test_a_pose_file_is_small_and_plain_json(session, path):
+    save_pose(path, edited(session))
+    assert path.stat().st_size < 10_000
+    assert json.loads(path.read_text())["format"] == "facelab-pose"
+
+
+def test_a_pose_is_found_among_other_models(session, path, model):
+    save_pose(path, edited(session))
+    other = fresh(HolisticModel(4).fit(np.random.default_rng(3).normal(size=(9, 126))))
+    load_pose(path, other, models={"region": trained()})
+    np.testing.assert_array_equal(other.vertices, session.vertices)
+
+
+def test_a_pose_of_a_rig_comes_back(rng, path):
+    mesh = corner_regions().mesh
+    rig = BlendshapeRig(mesh, ["a", "b", "c"], rng.normal(size=(3, 42, 3)))
+    session, other = fresh(rig), fresh(rig)
+    pull(session, 3, [1.0, 1, 1])
+    save_pose(path, session)
+    load_pose(path, other)
+    np.testing.assert_array_equal(other.vertices, session.vertices)
+
+
+def changed(path, **entries):
+    stored = json.loads(path.read_text())
+    path.write_text(json.dumps({**stored, **entries}))
+
+
+def changed_state(path, **entries):
+    changed(path, state={**json.loads(path.read_text())["state"], **entries})
+
+
+PIN = {"vertex": 3, "displacement": [0, 0, 1], "weight": 1, "locked": False}
+SPOILED = {
+    "empty": (lambda p: p.write_text(""), "damaged or no JSON"),
+    "cut": (lambda p: p.write_text(p.read_text()[:-40]), "damaged or no JSON"),
+    "binary": (lambda p: p.write_bytes(b"\xff\xfe\0\1"), "damaged or no JSON"),
+    "a list": (lambda p: p.write_text("[1, 2]"), "not a pose file"),
+    "another format": (lambda p: changed(p, format="facelab-clip"), "not a pose file"),
+    "newer": (lambda p: changed(p, version=2), "version 2, newer than the 1"),
+    "no version": (lambda p: changed(p, version=None), "version is None"),
+    "no state": (lambda p: changed(p, state=None), "damaged, an entry is missing or misshapen"),
+    "no mesh": (lambda p: changed(p, mesh={}), "damaged, an entry is missing"),
+    "no beta": (lambda p: changed_state(p, beta=None), "beta=None"),
+    "gamma": (lambda p: changed_state(p, gamma=0), "gamma=0"),
+    "limit": (lambda p: changed_state(p, limit=-1), "limit=-1"),
+    "too short": (lambda p: changed_state(p, coefficients=[0.0]), r"coefficients has shape \(1,\)"),
+    "text": (lambda p: changed_state(p, c_0=["x"] * 20), "could not convert"),
+    "NaN": (lambda p: changed_state(p, molded=[float("nan")] * 20), "NaN"),
+    "vertex": (lambda p: changed_state(p, pins=[{**PIN, "vertex": 42}]), "vertex=42"),
+    "half a pin": (lambda p: changed_state(p, pins=[{"vertex": 3}]), "missing or misshapen"),
+    "flat pin": (lambda p: changed_state(p, pins=[{**PIN, "displacement": [0]}]), "of pin 3 has"),
+    "no weight": (lambda p: changed_state(p, pins=[{**PIN, "weight": 0}]), "weight of pin 3=0"),
+}
+
+
+@pytest.mark.parametrize("name", SPOILED)
+def test_a_spoiled_file_is_refused_by_name_and_nothing_changes(session, path, name):
+    spoil, message = SPOILED[name]
+    save_pose(path, edited(session))
+    spoil(path)
+    other = edited(fresh(session.model))
+    other.undo()
+    before, steps = other.state, (other.n_undo, other.n_redo)
+    with pytest.raises(ValueError, match=message) as caught:
+        load_pose(path, other)
+    assert str(path) in str(caught.value)
+    assert other.state is before and (other.n_undo, other.n_redo) == steps
+
+
+def test_a_missing_file_is_called_missing(session, path):
+    with pytest.raises(FileNotFoundError, match="there is no such pose file"):
+        load_pose(path, session)
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        (trained(seed=2), "another model: its numbers are others"),
+        (trained(n_components=4), "another model: its sizes"),
+        (HolisticModel(20).fit(np.random.default_rng(1).normal(size=(50, 126))), "another model"),
+    ],
+    ids=["other data", "fewer modes", "holistic"],
+)
+def test_a_pose_of_another_model_is_refused(session, path, other, message):
+    save_pose(path, edited(session))
+    stranger = fresh(other)
+    with pytest.raises(ValueError, match=message):
+        load_pose(path, stranger)
+    assert stranger.n_undo == 0
+
+
+def test_a_pose_of_another_face_is_refused(session, path):
+    save_pose(path, edited(session))
+    mesh = corner_regions().mesh
+    moved = TriangleMesh(mesh.vertices + np.eye(42, 3), mesh.faces)
+    with pytest.raises(ValueError, match="another face: its numbers are others"):
+        load_pose(path, PosingSession(session.model, moved))
+
+
+def test_a_model_trained_again_is_the_same_up_to_rounding(model, rng):
+    again = trained()
+    for B in again.components_:
+        B *= 1 + 1e-12 * rng.normal(size=B.shape)
+    rounded = fingerprint(again)
+    np.testing.assert_allclose(rounded["probes"], fingerprint(model)["probes"], rtol=1e-9)
+    again.components_[2][1] *= -1  # the same mode with the other sign poses another face
+    off = np.subtract(fingerprint(again)["probes"], fingerprint(model)["probes"])
+    assert np.abs(off).max() > 1e-3
+
+
+def test_a_pose_that_cannot_be_written_leaves_the_old_file(session, path, monkeypatch):
+    save_pose(path, session)
+    before = path.read_bytes()
+    pull(session, 3, [1.0, 0, 0])
+
+    def full(*_args, **_kwargs):
+        raise OSError("no space left")
+
+    monkeypatch.setattr("pathlib.Path.write_text", full)
+    with pytest.raises(OSError, match="no space"):
+        save_pose(path, session)
+    assert path.read_bytes() == before
+    assert [p.name for p in path.parent.iterdir()] == ["pose.json"]
+
+
+# --- the log of edits -----------------------------------------------------------------------------
+
+
+def all_edits(session, other):
+    """One of each thing a person can do, undo and groups among them."""
+    edited(session)
+    session.symmetric = True
+    pull(session, 8, [1.0, 0.3, 0])
+    session.symmetric = False
+    session.mirror_pin(30)
+    session.undo()
+    session.undo()
+    session.redo()
+    for value in (0.2, 0.4):
+        with session.group("slider"):
+            session.mold(2, 1, value)
+    session.seal()
+    with session.group():
+        pull(session, 25, [0.0, 1, 0])
+        session.set(beta=1.0)
+    session.undo()
+    session.redo()
+    session.set_pin(20, locked=False)
+    session.remove_pin(20)
+    kept = session.state
+    session.set(limit=2.0)
+    pull(session, 11, [40.0, 0, 0])
+    session.set(limit=None)
+    session.use(other)
+    session.reset_region(3)
+    session.apply(np.arange(other.n_coefficients_) / 7)
+    session.mirror()
+    session.drag(5, session.vertices[5] + 1 / 3)
+    session.keep()  # lets go of the drag
+    session.restore(kept)
+    pull(session, 11, [0.0, 0.7, 0])
+    return session
+
+
+def test_replaying_the_log_gives_the_same_pose_exactly(session, model, path):
+    other = trained(seed=5, n_components=3)
+    all_edits(session, other)
+    save_pose(path, session)
+    again = replay(read_log(path), fresh(model), [other])
+    assert_same_pose(again, session)
+    assert (again.n_undo, again.n_redo) == (session.n_undo, session.n_redo)
+    while session.undo():  # and so it is at every step back
+        again.undo()
+        np.testing.assert_array_equal(again.vertices, session.vertices)
+
+
+def test_every_entry_of_the_log_has_its_time_and_they_ascend(session):
+    edited(session)
+    times = [entry["t"] for entry in session.log]
+    assert times == sorted(times) and times[0] > 0
+    assert [entry["do"] for entry in session.log] == [
+        "pull", "mold", "keep", "mold", "pull", "set_pin", "set_pin", "set"
+    ]  # fmt: skip
+
+
+def test_what_changes_nothing_or_fails_is_not_logged(session):
+    session.keep()
+    session.set(beta=0.5)
+    session.press(3)
+    session.release()
+    session.undo()
+    session.drag(3, [0.0, 0, 0])
+    session.cancel()
+    with pytest.raises(ValueError):
+        session.set(beta=-1)
+    assert session.log == []
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"do": "fly"},
+        {"do": "_step"},
+        {"do": "pull"},
+        {"do": "pull", "vertex": 99, "target": [0, 0, 0]},
+        {"do": "remove_pin", "vertex": 3},
+        {"do": "use", "model": {"kind": "rig"}},
+        {},
+    ],
+)
+def test_an_entry_that_cannot_be_done_is_named(session, entry):
+    with pytest.raises(ValueError, match=r"log\[0\]"):
+        replay([{"t": 0, **entry}], session)
+
+
+# --- clips ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def clip(rng):
+    return Clip([0.5, 1.0, 3.0], rng.normal(size=(3, 20)), names=["a", "b", "c"])
+
+
+@pytest.mark.parametrize("easing", ["smooth", "linear"])
+def test_a_clip_goes_through_its_keys_and_rests_at_its_ends(clip, easing):
+    clip = Clip(clip.times, clip.poses, easing)
+    for t, c in zip(clip.times, clip.poses, strict=True):
+        np.testing.assert_allclose(clip.at(t), c, atol=1e-15)
+    np.testing.assert_array_equal(clip.at(0), clip.poses[0])
+    np.testing.assert_array_equal(clip.at(99), clip.poses[-1])
+    assert clip.duration == 3
+
+
+def test_between_keys_a_clip_stays_on_the_way_from_one_to_the_other(clip):
+    for easing, share in (("linear", 0.25), ("smooth", 3 * 0.25**2 - 2 * 0.25**3)):
+        c = Clip(clip.times, clip.poses, easing).at(1.5)
+        np.testing.assert_allclose(
+            c, (1 - share) * clip.poses[1] + share * clip.poses[2], atol=1e-15
+        )
+    shares = clip.shares(np.linspace(0, 4, 101))
+    np.testing.assert_allclose(shares.sum(axis=1), 1, atol=1e-15)
+    assert shares.min() >= 0 and (np.count_nonzero(shares, axis=1) <= 2).all()
+
+
+def test_a_smooth_clip_is_at_rest_in_every_key(clip):
+    for t in clip.times:
+        assert np.abs(clip.at(t + 1e-5) - clip.at(t - 1e-5)).max() < 1e-8
+
+
+def test_samples_are_the_clip_at_a_steady_beat(clip):
+    times, frames = clip.sample(fps=24)
+    assert len(times) == 73 and times[-1] == 3
+    np.testing.assert_allclose(frames[30], clip.at(30 / 24), atol=1e-15)
+
+
+def test_keys_are_added_replaced_moved_and_taken_away(clip, rng):
+    c = rng.normal(size=20)
+    longer = clip.with_key(2.0, c, "new")
+    assert longer.names == ("a", "b", "new", "c")
+    np.testing.assert_array_equal(longer.at(2.0), c)
+    np.testing.assert_array_equal(clip.with_key(1.0, c).at(1.0), c)
+    moved = longer.moved_key(2, 9.0)
+    assert moved.names == ("a", "b", "c", "new") and moved.duration == 9
+    back = moved.without_key(3)
+    np.testing.assert_array_equal(back.poses, clip.poses)
+    assert back.names == clip.names
+
+
+def test_a_clip_of_poses_in_any_order_has_them_in_time(session):
+    start = session.state
+    pull(session, 3, [1.0, 2, 0])
+    clip = Clip.of([(2.0, session.state), (0.0, start)])
+    np.testing.assert_array_equal(session.vertices_of(clip.at(2)), session.vertices)
+    np.testing.assert_array_equal(session.vertices_of(clip.at(0)), session.neutral.vertices)
+    np.testing.assert_array_equal(clip.with_key(3.0, start).at(3), clip.at(0))
+
+
+def test_interpolation_between_two_poses_is_linear_in_every_vertex(session):
+    a = session.state
+    pull(session, 3, [1.0, 2, 0])
+    b, rest = session.state, session.neutral.vertices
+    third = session.vertices_of(interpolate(a, b, 1 / 3))
+    np.testing.assert_allclose(third - rest, (session.vertices - rest) / 3, atol=1e-12)
+    np.testing.assert_array_equal(interpolate(a, b, 0), a.coefficients)
+    np.testing.assert_array_equal(interpolate(a, b, 1), b.coefficients)
+    with pytest.raises(ValueError, match="share=2"):
+        interpolate(a, b, 2)
+    session.use(trained(seed=4))
+    with pytest.raises(ValueError, match="two models"):
+        interpolate(a, session.state, 0.5)
+    with pytest.raises(ValueError, match="several models"):
+        Clip.of([(0, a), (1, session.state)])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([0, 0], np.zeros((2, 3))), "must ascend"),
+        (([1, 0], np.zeros((2, 3))), "must ascend"),
+        (([-1, 0], np.zeros((2, 3))), "must ascend"),
+        (([], np.zeros((0, 3))), "times is empty"),
+        (([0, np.nan], np.zeros((2, 3))), "NaN"),
+        (([0, 1], np.zeros((3, 3))), "poses has shape"),
+        (([0, 1], [[0, np.inf], [0, 0]]), "infinite"),
+        (([0], [[0.0]], "bouncy"), "easing='bouncy'"),
+        (([0], [[0.0]], "smooth", ["a", "b"]), "names has 2 entries"),
+    ],
+)
+def test_a_clip_that_cannot_be_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Clip(*arguments)
+
+
+def test_keys_that_cannot_be_are_refused(clip):
+    with pytest.raises(ValueError, match="index=3"):
+        clip.without_key(3)
+    with pytest.raises(ValueError, match="must ascend"):
+        clip.moved_key(0, 1.0)
+    with pytest.raises(ValueError, match="seconds=-1"):
+        clip.with_key(-1, clip.poses[0])
+    with pytest.raises(ValueError, match="coefficients has shape"):
+        clip.with_key(1, np.zeros(3))
+    with pytest.raises(ValueError, match="fps=0"):
+        clip.sample(0)
+
+
+def test_a_clip_comes_back_from_its_file(session, clip, path):
+    save_clip(path, clip, session)
+    back = load_clip(path, session)
+    np.testing.assert_array_equal(back.poses, clip.poses)
+    np.testing.assert_array_equal(back.times, clip.times)
+    assert (back.names, back.easing) == (clip.names, clip.easing)
+
+
+@pytest.mark.parametrize(
+    ("entries", "message"),
+    [
+        ({"times": [0, 0, 1]}, "must ascend"),
+        ({"poses": [[0.0]] * 3}, "poses has shape"),
+        ({"names": None, "version": 7}, "newer"),
+        ({"easing": 4}, "easing=4"),
+        ({"model": None}, "damaged"),
+    ],
+)
+def test_a_spoiled_clip_is_refused(session, clip, path, entries, message):
+    save_clip(path, clip, session)
+    changed(path, **entries)
+    with pytest.raises(ValueError, match=message):
+        load_clip(path, session)
+
+
+def test_a_clip_of_another_model_is_refused(session, clip, path):
+    save_clip(path, clip, session)
+    with pytest.raises(ValueError, match="another model"):
+        load_clip(path, fresh(trained(seed=9)))
+    with pytest.raises(ValueError, match="another face"):
+        load_clip(path, PosingSession(HolisticModel(1).fit(np.eye(9, 36)), grid_mesh(4, 3)))
