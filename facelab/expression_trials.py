@@ -9,6 +9,7 @@ from facelab.errors import as_finite, check_index, check_number
 from facelab.expression import CRITERIA, prepare_units, regress_expression, two_step
 from facelab.expression_units import UnitBasis, among_all, sketch_displacement
 from facelab.quadratic import single_threaded
+from facelab.transfer import METHODS, UnitCarrier
 
 PENALTIES = np.logspace(-4, 1, 16)
 """Tried for ridge and lasso, relative to the mean squared size of a unit."""
@@ -189,6 +190,83 @@ def weights_by_alpha(rig, sketches, truth, lam=1.0, alphas=range(101), align="ch
             rows[criterion].append(fit.weights[fit.choose(criterion)])
         rows["best alpha"].append(min(fit.weights, key=lambda found, w=w: np.abs(found - w).sum()))
     return {name: np.array(found) for name, found in rows.items()}
+
+
+def score_all(rig, sketches, truth, searches, align="check"):
+    """Scores of all the methods on the same sketches.
+
+    Parameters
+    ----------
+    rig, sketches, truth, align
+        As for `weights_by_peers`.
+    searches : dict of str to (float, iterable of float)
+        What Eq. 9 is tried with: lam (mm) and alphas, by a name of your choice.
+
+    Returns
+    -------
+    dict of str to Score
+        The peers by their names; Eq. 9 as "Eq. 9, <name>, <criterion>", see `weights_by_alpha`.
+    """
+    basis = rig if isinstance(rig, UnitBasis) else prepare_units(rig)
+    sketches = list(sketches)
+    found = weights_by_peers(basis, sketches, truth, align)
+    for name, (lam, alphas) in searches.items():
+        chosen = weights_by_alpha(basis, sketches, truth, lam, alphas, align)
+        found |= {f"Eq. 9, {name}, {criterion}": w for criterion, w in chosen.items()}
+    return {name: score(truth, w) for name, w in found.items()}
+
+
+def sort_weights(names, weights, truth, least=0.1):
+    """Weights that were found, sorted into right and wrong.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the units.
+    weights, truth : ndarray of shape (n_units,)
+        As found, and as put in.
+    least : float, default=0.1
+        Units that were not put in are left out unless their weight is larger, of either sign.
+
+    Returns
+    -------
+    there, beside : dict of str to float
+        The units that were put in, in order of `names`; the others, largest first.
+    """
+    names = list(names)
+    truth = as_finite(truth, "truth", (len(names),))
+    weights = as_finite(weights, "weights", (len(names),))
+    there = {names[k]: float(weights[k]) for k in np.flatnonzero(truth)}
+    wrong = [k for k in np.argsort(-np.abs(weights)) if truth[k] == 0 and abs(weights[k]) > least]
+    return there, {names[k]: float(weights[k]) for k in wrong}
+
+
+def vertex_rms(offsets):
+    """Root mean squared length over the vertices: (..., n_vertices, 3) to (...), same unit."""
+    return np.sqrt((np.asarray(offsets, dtype=float) ** 2).sum(axis=-1).mean(axis=-1))
+
+
+def carry_errors(source, neutral, wanted, methods=METHODS):
+    """How far units carried to another face are from those wanted there.
+
+    Parameters
+    ----------
+    source : BlendshapeRig
+    neutral : TriangleMesh
+        The other face, with the triangles of the source.
+    wanted : ndarray of shape (n_units, n_vertices, 3)
+        Displacements that the units should have there, millimetres.
+    methods : iterable of str
+        See `facelab.transfer.UnitCarrier`.
+
+    Returns
+    -------
+    dict of str to ndarray of shape (n_units,)
+        By method, RMS over the vertices, millimetres.
+    """
+    wanted = as_finite(wanted, "wanted", source.deltas.shape)
+    carriers = {method: UnitCarrier(source.neutral, neutral, method) for method in methods}
+    return {m: vertex_rms(c.carry(source.deltas) - wanted) for m, c in carriers.items()}
 
 
 def _ready(rig, sketches, truth, align):

@@ -123,7 +123,8 @@ class RegionModel(TransformerMixin, BaseEstimator):
         if min(n_frames, max(map(len, columns))) > LARGEST_EXACT and not self._is_share:
             return self.fit_blocks(lambda: row_blocks(X), passes=4, progress=False)
         self._check_count(n_frames, columns)
-        as_finite(X, "X", X.shape, remedy=_FILL)
+        if not np.isfinite(X).all():
+            as_finite(X, "X", X.shape, remedy=_FILL)
         n = min(n_frames, self._most)
         parts = [principal_components(X[:, c], min(n, len(c))) for c in columns]
         self.mean_ = X.mean(axis=0)

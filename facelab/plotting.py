@@ -1,5 +1,7 @@
 """Figures with matplotlib: faces, regions, curves. Readable in print and by the colour-blind."""
 
+from itertools import cycle
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import PolyCollection
@@ -11,6 +13,10 @@ from facelab.mesh import vertex_normals
 from facelab.segmentation import renumbered
 
 SKIN = "#e0b49a"
+CURVES = (  # colour and dash; colours after Okabe and Ito, apart for colour-blind readers
+    *(("#0072b2", "-"), ("#d55e00", "--"), ("#009e73", ":")),
+    *(("#cc79a7", "-."), ("#1a1a1a", "-"), ("#777777", "--")),
+)
 _REGION_COLORS = (  # after Paul Tol's schemes for colour-blind readers, light enough to shade
     *("#88ccee", "#cc6677", "#ddcc77", "#44aa99", "#aa4499", "#999933"),
     *("#6699cc", "#ee8866", "#bbcc33", "#882255", "#77aadd", "#eedd88"),
@@ -86,16 +92,19 @@ def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=(), shad
     parts += [_painted(m.vertices, m.faces, c, ahead, right, up, shade) for m, c in props]
     depth, corners, paint = (np.concatenate(x) for x in zip(*parts, strict=True))
     order = np.argsort(depth)
+    corners = corners[order] @ plane
     ax.add_collection(
         PolyCollection(
-            corners[order] @ plane,
+            corners,
             facecolors=paint[order],
             edgecolors="face",
             linewidths=0.4,
             antialiaseds=False,
             rasterized=True,
-        )
+        ),
+        autolim=False,  # the same limits from all corners at once, in half the time
     )
+    ax.update_datalim(corners.reshape(-1, 2))
     ax.set_aspect("equal")
     ax.set_axis_off()
     ax.autoscale_view()
@@ -162,3 +171,113 @@ def plain_log_ticks(ax, x=(), y=()):
         if len(ticks):
             axis.set_ticks(ticks, [f"{t:g}" for t in ticks])
             axis.set_minor_locator(NullLocator())
+
+
+def draw_curves(ax, x, curves, xlabel, ylabel, **options):
+    """Curves by name, each of a colour and dash of its own, with a legend.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+    x : array_like of shape (n,)
+    curves : dict of str to array_like of shape (n,)
+        The first six look different in any print.
+    xlabel, ylabel : str
+    **options
+        For `Axes.plot`, such as lw or marker.
+    """
+    for (name, y), (color, dash) in zip(curves.items(), cycle(CURVES), strict=False):
+        ax.plot(x, y, **{"color": color, "linestyle": dash, "label": name} | options)
+    ax.set(xlabel=xlabel, ylabel=ylabel)
+    ax.legend(frameon=False, fontsize=8)
+
+
+def draw_faces(mesh, faces, size=2.0, props=()):
+    """A row of faces under their names: figure, axes.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : dict of str to ndarray of shape (n_vertices, 3)
+        Millimetres.
+    size : float
+        Of a face, inches.
+    props : iterable of (TriangleMesh, colors)
+    """
+    figure, axes = new_row(len(faces), size, list(faces))
+    for ax, vertices in zip(axes, faces.values(), strict=True):
+        draw_face(ax, mesh, vertices, props=props)
+    return figure, axes
+
+
+def label_rows(axes, labels, fontsize=8):
+    """Words on the left of each row of faces; axes as from `new_grid`."""
+    for ax, label in zip(axes[:, 0], labels, strict=True):
+        place = dict(transform=ax.transAxes, rotation=90, va="center", ha="center")
+        ax.text(-0.12, 0.5, label, fontsize=fontsize, **place)
+
+
+def draw_weights(ax, weights, main, named):
+    """Weights of action units in [0, 1] as bars.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+    weights : dict of str to float
+        By unit.
+    main : iterable of str
+        Units whose bars are orange; the others are blue.
+    named : iterable of str
+        Units whose names stand over their bars.
+    """
+    units = list(weights)
+    colors = [CURVES[1][0] if name in main else CURVES[0][0] for name in units]
+    ax.bar(range(len(units)), weights.values(), color=colors)
+    named = sorted(named, key=units.index)
+    bars = np.array([units.index(name) for name in named], dtype=float)
+    gap = len(units) / 7  # names are wider than bars
+    places = np.maximum.accumulate(bars - gap * np.arange(len(bars))) + gap * np.arange(len(bars))
+    places += np.mean(bars - places) if len(bars) else 0
+    for name, bar, place in zip(named, bars, places, strict=True):
+        look = dict(rotation=90, ha="center", va="bottom", fontsize=6)
+        line = dict(arrowstyle="-", lw=0.5, color="#777777", shrinkA=0, shrinkB=1)
+        ax.annotate(name, (bar, weights[name]), (place, 1.12), arrowprops=line, **look)
+    ax.set_axis_on()
+    ax.set(xlim=(-1, len(units)), ylim=(0, 1.75), xticks=[], yticks=[0, 0.5, 1], xlabel="units")
+    ax.tick_params(labelsize=7)
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def draw_sweep(fit, picks, mesh, sketch, faces, props=(), size=1.5, n_named=3):
+    """A sketch, and what was found for some alphas: faces over their weights: figure, axes.
+
+    Parameters
+    ----------
+    fit : ExpressionFit
+        Its dominant units have orange bars; between face and bars stands the error.
+    picks : sequence of int
+        Which alphas, as indices into `fit.alphas`.
+    mesh : TriangleMesh
+        Of the sketch and the faces.
+    sketch : ndarray of shape (n_vertices, 3)
+        Millimetres.
+    faces : sequence of ndarray of shape (n_vertices, 3)
+        One for each of `picks`.
+    props : iterable of (TriangleMesh, colors)
+    size : float
+        Of a face, inches.
+    n_named : int
+        How many dominant units are named, those that move the face most.
+    """
+    titles = ["sketch", *(rf"$\alpha$ = {fit.alphas[i]:g}" for i in picks)]
+    figure, axes = new_grid(2, len(titles), size, titles)
+    draw_face(axes[0, 0], mesh, sketch, props=props)
+    main = fit.roles()[0]
+    reach = np.linalg.norm(fit.basis.rig.deltas, axis=(1, 2)) * fit.weights[picks[0]]
+    named = sorted(main, key=lambda name: -reach[fit.names.index(name)])[:n_named]
+    for (above, below), i, vertices in zip(axes.T[1:], picks, faces, strict=True):
+        draw_face(above, mesh, vertices, props=props)
+        draw_weights(below, dict(zip(fit.names, fit.weights[i], strict=True)), main, named)
+        below.set_title(f"{fit.rms[i]:.3f} mm", fontsize=8)
+    axes[1, 1].set_ylabel("weight")
+    return figure, axes

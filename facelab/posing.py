@@ -17,7 +17,7 @@ from facelab.pose_solver import REFERENCE_VERTICES, STIFFNESS, PoseSolver, sizes
 from facelab.pose_state import PoseState
 from facelab.poses import fingerprint, state_to_dict
 from facelab.rig_solver import RigSolver
-from facelab.symmetry import MIRROR, check_partners, mirror_map
+from facelab.symmetry import MIRROR, check_partners, mirror_partners
 
 __all__ = [
     "REFERENCE_VERTICES",
@@ -26,7 +26,7 @@ __all__ = [
     "PoseState",
     "PosingSession",
     "RigSolver",
-    "mirror_map",
+    "mirror_partners",
 ]
 
 _AS_IT_IS = object()
@@ -75,7 +75,7 @@ class PosingSession(History):
     limit : float, optional
         Standard deviations beyond which coefficients are drawn back, see `PoseSolver`.
     partners : ndarray of int, shape (n_vertices,), optional
-        Mirrored partner of each vertex, -1 for none; from `mirror_map` if left out.
+        Mirrored partner of each vertex, -1 for none; from `mirror_partners` if left out.
     clock : callable, default=time.time
         Seconds, for the log.
 
@@ -271,7 +271,7 @@ class PosingSession(History):
     def partners(self):
         """Mirrored partner of each vertex of the shown face, -1 for none: (n_vertices,) int."""
         if self._partners is None:
-            self._partners = mirror_map(self.neutral)
+            self._partners = mirror_partners(self.neutral)
         return self._partners
 
     @property
@@ -674,7 +674,7 @@ class PosingSession(History):
         if alone.size:
             raise ValueError(
                 f"{alone.size} vertices have no mirrored partner, the first {alone[0]}; give "
-                "partners=mirror_map(neutral, tolerance) with a larger tolerance."
+                "partners=mirror_partners(neutral, tolerance) with a larger tolerance."
             )
         self.release()
         x = self.vertices - self.neutral.vertices

@@ -16,17 +16,15 @@ from facelab import blending, components, datasets, evaluation, models
 from facelab.evaluation import (
     ErrorCurve,
     error_curves,
-    mirror_map,
-    other_side,
     rms_error,
     sparse_model,
-    symmetrised,
 )
 from facelab.io import atomic_path, load_npz, save_npz
 from facelab.models import HolisticModel, RegionModel
 from facelab.posing import PosingSession
 from facelab.registered import load_registered
 from facelab.segmentation import segment_face
+from facelab.symmetry import mirror_weights, other_side, symmetrised
 
 ACTORS = ("M1", "F1", "M2", "F2")
 """In the order in which Fig. 5 adds them to the training set."""
@@ -270,7 +268,10 @@ def asymmetry(actor, regions, n_components=20, template=None):
     moved = rig.animate(at, actor.samples) - rig.neutral.vertices[actor.samples]
     wanted = moved.reshape(len(moved), -1)
     rows = []
-    for training, frames in (("as it is", X), ("symmetrised", symmetrised(X, mirror_map(middle)))):
+    for training, frames in (
+        ("as it is", X),
+        ("symmetrised", symmetrised(X, mirror_weights(middle))),
+    ):
         for name, model in {
             "holistic": HolisticModel(n_components),
             "region beta=0": RegionModel(regions, n_components, 0.0),

@@ -1,15 +1,18 @@
-"""The two sides of a face: partners across the midline, found by geometry."""
+"""The two sides of a face: who faces whom across the midline, and motion seen in a mirror."""
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
-from facelab.errors import check_number
+from facelab.deformation import bind_to_surface
+from facelab.errors import as_finite, check_choice, check_number
+from facelab.mesh import TriangleMesh
 
 MIRROR = np.diag([-1.0, 1, 1])
 """Mirrors displacements: x runs to the person's left."""
 
 
-def mirror_map(mesh, tolerance=None):
+def mirror_partners(mesh, tolerance=None):
     """Mirrored partner of every vertex, found by geometry alone.
 
     Vertices are reflected about the plane x = c, c the middle of the pairs found; two vertices are
@@ -56,9 +59,95 @@ def check_partners(partners, n_vertices):
     if partners.shape != (n_vertices,) or partners.dtype.kind not in "iu":
         raise ValueError(
             f"partners has shape {partners.shape} and type {partners.dtype}, but needs one "
-            f"integer for each of the {n_vertices} vertices; use mirror_map(neutral)."
+            f"integer for each of the {n_vertices} vertices; use mirror_partners(neutral)."
         )
     paired = np.flatnonzero(partners >= 0)
     if (partners >= n_vertices).any() or (partners[partners[paired]] != paired).any():
         raise ValueError("partners must go both ways: partners[partners[v]] is v, or -1.")
     return partners
+
+
+def mirror_weights(mesh):
+    """Where the mirror image of each vertex lies on the mesh, as weights of its vertices.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Nearly symmetric about x = 0, as a template is; the vertices need not be.
+
+    Returns
+    -------
+    sparse array of shape (n_vertices, n_vertices)
+        Rows sum to one: barycentric weights in the triangle nearest to the mirrored vertex.
+    """
+    if not isinstance(mesh, TriangleMesh):
+        raise TypeError(f"mesh is a {type(mesh).__name__}; give a TriangleMesh.")
+    foot = bind_to_surface(mesh, mesh.vertices * [-1, 1, 1])
+    n = mesh.n_vertices
+    rows = np.repeat(np.arange(n), 3)
+    entries = foot.barycentric.ravel(), (rows, mesh.faces[foot.faces].ravel())
+    return sp.csr_array(sp.coo_array(entries, shape=(n, n)))
+
+
+def mirrored(X, mirror):
+    """Frames seen in a mirror: what the left did, the right does.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n_frames, 3 * n_vertices)
+        Displacements, millimetres.
+    mirror : sparse array of shape (n_vertices, n_vertices)
+        From `mirror_weights`.
+    """
+    X = as_finite(X, "X", ("n_frames", 3 * mirror.shape[0]))
+    moved = X.reshape(len(X), -1, 3).transpose(1, 0, 2).reshape(mirror.shape[0], -1)
+    seen = (mirror @ moved).reshape(-1, len(X), 3).transpose(1, 0, 2) * [-1, 1, 1]
+    return seen.reshape(len(X), -1)
+
+
+def symmetrised(X, mirror):
+    """Frames whose two sides do the same: the mean of each frame and its mirror image.
+
+    The parameters are those of `mirrored`.
+    """
+    return (X + mirrored(X, mirror)) / 2
+
+
+def one_sided(X, mesh, side="left", width=10.0):
+    """Frames of which only one side is left, the other at rest, with a smooth passage between.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n_frames, 3 * n_vertices)
+        Displacements, millimetres.
+    mesh : TriangleMesh
+    side : {"left", "right"}
+        The person's.
+    width : float, default=10
+        Half the passage, to each side of x = 0, millimetres.
+    """
+    X = as_finite(X, "X", ("n_frames", 3 * mesh.n_vertices))
+    width = check_number(width, "width", above=0)
+    x = _towards(mesh, side)
+    share = np.clip((x + width) / (2 * width), 0, 1)
+    share = share**2 * (3 - 2 * share)
+    return X * np.repeat(share, 3)
+
+
+def other_side(X, mesh, side="left", width=10.0):
+    """Share of the motion that lies on the other side of the face, 0 to 1: shape (n_frames,).
+
+    Vertices within `width` of the middle count for neither side. The parameters are those of
+    `one_sided`.
+    """
+    X = as_finite(X, "X", ("n_frames", 3 * mesh.n_vertices))
+    x = _towards(mesh, side)
+    energy = (X.reshape(len(X), -1, 3) ** 2).sum(axis=2)
+    there, here = (energy[:, s * x > width].sum(axis=1) for s in (-1, 1))
+    return there / np.maximum(there + here, np.finfo(float).tiny)
+
+
+def _towards(mesh, side):
+    """Distance of each vertex from the middle, more than 0 on this side, mm."""
+    sign = {"left": 1, "right": -1}[check_choice(side, "side", ("left", "right"))]
+    return sign * mesh.vertices[:, 0]

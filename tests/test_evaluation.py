@@ -10,18 +10,14 @@ from facelab.evaluation import (
     ErrorCurve,
     error_curves,
     frame_errors,
-    mirror_map,
-    mirrored,
-    one_sided,
-    other_side,
     rank_of_motion,
     rms_error,
     sparse_model,
-    symmetrised,
     variance_across,
 )
 from facelab.models import HolisticModel, RegionModel
 from facelab.segmentation import Regions
+from facelab.symmetry import mirror_weights, mirrored, one_sided, other_side, symmetrised
 
 
 def test_error_is_equation_13(rng):
@@ -88,8 +84,8 @@ def test_no_frames_or_no_three_coordinates_are_refused(shape):
         (lambda X, mesh: rank_of_motion(X, -1), ValueError, "tolerance=-1"),
         (lambda X, mesh: one_sided(X, mesh, "up"), ValueError, "side='up'"),
         (lambda X, mesh: other_side(X[:, :9], mesh), ValueError, "X has shape"),
-        (lambda X, mesh: mirrored(X[:, :9], mirror_map(mesh)), ValueError, "X has shape"),
-        (lambda X, mesh: mirror_map(X), TypeError, "mesh is a ndarray"),
+        (lambda X, mesh: mirrored(X[:, :9], mirror_weights(mesh)), ValueError, "X has shape"),
+        (lambda X, mesh: mirror_weights(X), TypeError, "mesh is a ndarray"),
         (lambda X, mesh: sparse_model(np.nan * X, 3), ValueError, "NaN"),
         (lambda X, mesh: curve_of(None).band(0), ValueError, "level=0"),
     ],
@@ -207,13 +203,13 @@ def test_sparse_modes_move_few_coordinates_and_find_planted_bumps(rng):
 
 
 def test_a_mesh_whose_vertices_mirror_each_other_gets_the_permutation(sphere):
-    mirror = mirror_map(sphere)
+    mirror = mirror_weights(sphere)
     partner = cdist(sphere.vertices * [-1, 1, 1], sphere.vertices).argmin(axis=1)
     np.testing.assert_allclose(mirror.toarray(), np.eye(len(partner))[partner], atol=1e-9)
 
 
 def test_motion_mirrored_twice_is_itself_and_symmetric_motion_stays(rng, sphere):
-    mirror = mirror_map(sphere)
+    mirror = mirror_weights(sphere)
     X = rng.normal(size=(4, 3 * sphere.n_vertices))
     np.testing.assert_allclose(mirrored(mirrored(X, mirror), mirror), X, atol=1e-9)
     S = symmetrised(X, mirror)
@@ -236,7 +232,7 @@ def test_smooth_motion_of_a_mesh_without_mirror_pairs_is_mirrored_by_interpolati
     def motion(V):
         return np.stack([np.sin(V[:, 0] / 40), np.cos(V[:, 1] / 40), V[:, 0] / 50], axis=1)
 
-    seen = mirrored(motion(V).reshape(1, -1), mirror_map(mesh)).reshape(-1, 3)
+    seen = mirrored(motion(V).reshape(1, -1), mirror_weights(mesh)).reshape(-1, 3)
     expected = motion(V * [-1, 1, 1]) * [-1, 1, 1]
     # linear in triangles of 10 mm: h^2 / 8 times a curvature of 1 / 40^2 is 0.008
     np.testing.assert_allclose(seen[inner], expected[inner], atol=0.02)
@@ -254,7 +250,7 @@ def test_one_side_is_left_and_the_other_is_at_rest(rng, sphere):
 
 def test_the_other_side_has_half_of_symmetric_motion_and_none_of_one_sided(rng, sphere):
     X = rng.normal(size=(3, 3 * sphere.n_vertices))
-    S = symmetrised(X, mirror_map(sphere))
+    S = symmetrised(X, mirror_weights(sphere))
     np.testing.assert_allclose(other_side(S, sphere), 0.5, atol=1e-9)
     np.testing.assert_array_equal(other_side(one_sided(X, sphere), sphere), 0)
     np.testing.assert_array_equal(other_side(one_sided(X, sphere, "right"), sphere), 1)
@@ -267,7 +263,7 @@ def test_regions_make_one_sided_faces_of_symmetric_motion_and_the_whole_face_can
     mesh = mesh.with_vertices(mesh.vertices - [40, 30, 0])
     labels = (mesh.vertices[:, 0] > 15).astype(int) + 2 * (mesh.vertices[:, 0] < -15)
     regions = Regions(labels, mesh)
-    mirror = mirror_map(mesh)
+    mirror = mirror_weights(mesh)
     X = symmetrised(bumps(mesh, labels, rng, width=9.0), mirror)
     X -= X.mean(axis=0)
     wink = one_sided(X[:5], mesh)

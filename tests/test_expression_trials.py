@@ -5,9 +5,13 @@ from shapes import sphere_mesh
 from facelab.blendshapes import BlendshapeRig
 from facelab.expression import prepare_units
 from facelab.expression_trials import (
+    carry_errors,
     draw_mixtures,
     score,
+    score_all,
+    sort_weights,
     spoil,
+    vertex_rms,
     weights_by_alpha,
     weights_by_peers,
 )
@@ -78,6 +82,40 @@ def test_with_noise_choosing_alpha_and_penalties_beat_least_squares(rig):
     assert error["e_rms"] == pytest.approx(error["least squares in [0, 1]"], rel=0.05)
 
 
+def test_scores_of_all_methods_are_those_of_each_alone(rig):
+    W = draw_mixtures(12, 4, active=(1, 3))
+    sketches = [spoil(rig.neutral, rig.shape(w), noise=2, random_state=i) for i, w in enumerate(W)]
+    alphas = np.arange(0, 4, 0.5)
+    together = score_all(rig, iter(sketches), W, {"strong": (1.0, alphas)})
+    peers = weights_by_peers(rig, sketches, W)
+    by_alpha = weights_by_alpha(rig, sketches, W, 1.0, alphas)
+    assert set(together) == {*peers, *(f"Eq. 9, strong, {name}" for name in by_alpha)}
+    assert together["ridge, best"] == score(W, peers["ridge, best"])
+    assert together["Eq. 9, strong, held_out"] == score(W, by_alpha["held_out"])
+
+
+def test_weights_are_sorted_into_those_put_in_and_the_largest_beside():
+    truth, found = [0.3, 0, 0, 0.5, 0], [0.02, 0.2, 0.05, 0.6, -0.4]
+    there, beside = sort_weights("ABCDE", found, truth)
+    assert there == {"A": 0.02, "D": 0.6}
+    assert list(beside.items()) == [("E", -0.4), ("B", 0.2)]
+
+
+def test_the_rms_over_vertices_is_taken_by_hand():
+    offsets = np.array([[[3, 4, 0], [0, 0, 0]], [[1, 0, 0], [0, 1, 0]]])
+    np.testing.assert_allclose(vertex_rms(offsets), [5 / np.sqrt(2), 1])
+
+
+def test_carried_units_are_off_by_nothing_on_a_shifted_face_and_by_what_is_added(rig):
+    shifted = rig.neutral.with_vertices(rig.neutral.vertices + [5, -2, 1])
+    off = carry_errors(rig, shifted, rig.deltas)
+    assert len(off) == 3
+    for method, size in off.items():
+        np.testing.assert_allclose(size, 0, atol=1e-6, err_msg=method)
+    moved = carry_errors(rig, shifted, rig.deltas + [0, 3, 4], ["copy"])["copy"]
+    np.testing.assert_allclose(moved, 5, atol=1e-6)
+
+
 def test_what_cannot_be_tried_is_refused(rig):
     with pytest.raises(ValueError, match=r"active=\(3, 30\), but 12 units"):
         draw_mixtures(12, active=(3, 30))
@@ -91,3 +129,7 @@ def test_what_cannot_be_tried_is_refused(rig):
         weights_by_peers(rig, [], np.zeros((0, 12)))
     with pytest.raises(ValueError, match="truth has shape"):
         weights_by_alpha(rig, [rig.neutral.vertices], np.zeros((2, 12)))
+    with pytest.raises(ValueError, match="weights has shape"):
+        sort_weights(rig.names, np.zeros(3), np.zeros(12))
+    with pytest.raises(ValueError, match="wanted has shape"):
+        carry_errors(rig, rig.neutral, np.zeros((2, 3, 3)))

@@ -13,7 +13,7 @@ from facelab.deformation import bind
 from facelab.mesh import TriangleMesh
 from facelab.models import HolisticModel, RegionModel
 from facelab.motion import MotionSequence
-from facelab.posing import REFERENCE_VERTICES, STIFFNESS, PoseSolver, PosingSession, mirror_map
+from facelab.posing import REFERENCE_VERTICES, STIFFNESS, PoseSolver, PosingSession, mirror_partners
 from facelab.segmentation import Regions
 
 
@@ -975,7 +975,7 @@ def test_a_weight_that_cannot_be_is_refused(session, weight):
 def twin(rng):
     """A session whose holistic model is symmetric, on a symmetric face."""
     mesh = grid_mesh(7, 6, 10.0)
-    partners = mirror_map(mesh)
+    partners = mirror_partners(mesh)
     X = rng.normal(size=(30, 42, 3))
     both = np.concatenate([X, X[:, partners] * [-1, 1, 1]])
     return PosingSession(HolisticModel(59).fit(both.reshape(60, -1)), mesh)
@@ -984,7 +984,7 @@ def twin(rng):
 def test_partners_are_reflections_of_each_other(rng):
     mesh = grid_mesh(7, 6, 10.0)
     V = mesh.vertices + [12.3, 4, 5]  # the midline need not be x = 0
-    partners = mirror_map(TriangleMesh(V, mesh.faces))
+    partners = mirror_partners(TriangleMesh(V, mesh.faces))
     row, column = np.divmod(np.arange(42), 7)
     np.testing.assert_array_equal(partners, 7 * row + 6 - column)
 
@@ -993,23 +993,25 @@ def test_partners_are_found_on_a_face_that_is_nearly_symmetric(rng):
     mesh = grid_mesh(7, 6, 10.0)
     V = mesh.vertices + rng.normal(scale=0.7, size=(42, 3))
     row, column = np.divmod(np.arange(42), 7)
-    np.testing.assert_array_equal(mirror_map(TriangleMesh(V, mesh.faces)), 7 * row + 6 - column)
+    np.testing.assert_array_equal(
+        mirror_partners(TriangleMesh(V, mesh.faces)), 7 * row + 6 - column
+    )
 
 
 def test_a_vertex_without_a_counterpart_has_no_partner():
     mesh = grid_mesh(7, 6, 10.0)
     V = mesh.vertices.copy()
     V[8] += [0, 0, 40]
-    partners = mirror_map(TriangleMesh(V, mesh.faces), tolerance=5)
+    partners = mirror_partners(TriangleMesh(V, mesh.faces), tolerance=5)
     assert set(np.flatnonzero(partners < 0)) == {8, 12}
     with pytest.raises(ValueError, match="tolerance=0"):
-        mirror_map(mesh, tolerance=0)
+        mirror_partners(mesh, tolerance=0)
 
 
 @pytest.mark.real
 def test_the_real_face_has_a_partner_for_every_vertex(real_rig):
     face = real_rig.neutral
-    partners = mirror_map(face)
+    partners = mirror_partners(face)
     assert (partners >= 0).all()
     for name in ("mouth_corner", "eye_{}_outer", "brow_{}_3", "jaw_{}_4"):
         left, right = (

@@ -80,7 +80,7 @@ def identities(n=20):
     for _ in range(5):
         V = ict.neutral.vertices + np.tensordot(rng.normal(size=n), modes, axes=1)
         left.append(IntermediateSpace(source, ict.neutral.with_vertices(V)).fit.rms)
-    print(f"5 identities of ICT-FaceKit (real scans): registration {np.round(left, 3)} mm RMS")
+    print(f"5 faces from the identity modes of ICT-FaceKit: fitted to {np.round(left, 3)} mm RMS")
 
 
 def simplified():

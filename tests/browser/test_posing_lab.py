@@ -206,7 +206,8 @@ def press(lab, key):
     """A key, with the mouse over the lab."""
     lab.page.locator("canvas").first.scroll_into_view_if_needed()
     box = lab.page.locator("canvas").first.bounding_box()
-    lab.page.mouse.move(box["x"] + 10, box["y"] + 10)
+    lab.page.mouse.click(box["x"] + 10, box["y"] + 10)  # a cell being edited gives up the keys
+    lab.page.wait_for_timeout(300)
     lab.page.keyboard.press(key)
     lab.settle()
 
@@ -215,7 +216,7 @@ def test_the_holistic_model_answers_the_same_pins_beside_it_with_the_whole_face(
     neutral = vertices(fresh)
     press(fresh, "c")
     canvases = fresh.page.locator(".facelab-lab").first.locator("canvas")
-    assert canvases.count() == 2
+    canvases.nth(1).wait_for()
     fresh.bring_into_view()
     pull(fresh, "mouth_corner_left", [3, 6, 0])
     snapshot(fresh, "side_by_side")
@@ -301,11 +302,12 @@ def test_dragging_beside_the_face_turns_it_and_a_drag_then_moves_in_the_view_pla
     went = way_of_pin(fresh)
     assert np.linalg.norm(went) == pytest.approx(3, abs=0.5)
     assert abs(went @ ahead) < 0.1, "the drag left the view plane"
+    fresh.run("session.reset()")
     fresh.page.keyboard.down("Shift")
     pull(fresh, "chin", 3 * across / np.linalg.norm(across))
     fresh.page.keyboard.up("Shift")
     went = way_of_pin(fresh)
-    normal = fresh.run("", n="face.normals[face.landmarks['chin']].tolist()")["n"]
+    normal = fresh.run("", n="face.normals[list(session.pins)[0]].tolist()")["n"]
     assert np.linalg.norm(went) > 1
     assert abs(went @ normal) > 0.98 * np.linalg.norm(went), "shift should pull along the normal"
 
