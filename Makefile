@@ -48,10 +48,12 @@ data: env
 	$(BIN)/python -m facelab.datasets
 
 lab: env data
-	$(BIN)/jupyter lab --config=jupyter_server_config.py notebooks/05_posing.ipynb
+	$(BIN)/jupyter lab --config=jupyter_server_config.py notebooks/01_capture.ipynb
 
 app: env data
-	$(BIN)/voila app/posing.ipynb
+	$(BIN)/jupyter server --config=jupyter_server_config.py --ServerApp.root_dir=app \
+		--ServerApp.jpserver_extensions="{'voila.server_extension': True}" \
+		--ServerApp.default_url=/voila/render/posing.ipynb
 
 test: lint unit test-notebooks test-browser
 	@echo "facelab: every test passed"

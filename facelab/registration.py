@@ -4,8 +4,8 @@ Once for each face: a similarity and a smooth warp by landmarks, then matching t
 coarse to fine. With the layout of the markers then fixed, the dense motion is a linear function of
 theirs: `MarkerLayout`; `facelab.sequences` applies it to whole takes. Lengths are millimetres.
 
-The method of Tena et al. 2006, which the paper names, is not at hand: this is built from the
-description in Tena et al. 2011, section 4.1. The energy that trades fit against smoothness is that
+Tena et al. 2011, section 4.1, name Tena et al. 2006 for the method and describe none; that text is
+not at hand, so the design is ours. The energy that trades fit against smoothness is that
 of a Gaussian field on the surface (Lindgren, Rue and Lindstroem 2011), so its settings are lengths:
 how far a deformation reaches, how large it is, how exact the markers are.
 """
@@ -37,7 +37,8 @@ class Preset(NamedTuple):
     """What a person chooses at once; all in millimetres."""
 
     reach: float
-    """Distance along the surface over which a difference of identity fades."""
+    """Of a difference of identity along the surface: places this far apart still share 0.6 of it,
+    at three times the distance none."""
     size: float
     """How large such a difference is, per axis."""
     stages: tuple
@@ -137,7 +138,7 @@ def _relaxed(mesh, start, match, preset):
 
 
 def _sliding(mesh, faces, weights, points, height):
-    """Where points of the surface should go: along the normal to the data, free to slide."""
+    """Where points of the surface should go: along the normal, to the height of the data."""
     B = _rows(mesh, faces, weights)
     foot, normal = B @ mesh.vertices, B @ mesh.normals
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)

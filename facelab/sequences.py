@@ -294,7 +294,8 @@ def register_sequence(fit, markers, head="rigid", bridge=0.1, limit=8.0):
         Millimetres, capture frame. Markers that the layout does not have are taken for ghosts.
     head : {"rigid", "whole"}
         Head motion from the parts of the face that move least, robustly, or by ordinary
-        Procrustes on the whole face, as the paper has it.
+        Procrustes on all markers. (The paper aligns the 397 fitted vertices of each frame to
+        those of the template: `rigid_motion` of `positions` gives that.)
     bridge : float, default=0.1
         Gaps up to this long keep what set the marker apart from its neighbours before and after,
         seconds; longer ones are reported. 0 solves every frame by its own markers alone.
