@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from facelab.errors import check_number
-from facelab.io import _existing, atomic_path
+from facelab.io import atomic_path, existing_file
 from facelab.motion import MarkerSequence
 
 _BLOCK = 512
@@ -49,7 +49,7 @@ def read_c3d(path, units=None):
     ----------
     The C3D file format user guide, www.c3d.org.
     """
-    path = _existing(path, "C3D file")
+    path = existing_file(path, "C3D file")
     if units is not None and units not in _MM:
         raise ValueError(f"units={units!r} is unknown; choose one of {', '.join(_MM)}.")
     header = _Header(path)
@@ -63,7 +63,7 @@ def read_c3d(path, units=None):
 
 def read_own_c3d(path):
     """`read_c3d` without the child process: only for files whose checksum is known to be right."""
-    path = _existing(path, "C3D file")
+    path = existing_file(path, "C3D file")
     return _markers(path, _Header(path), _parse(str(path)), None)
 
 

@@ -20,16 +20,22 @@ def as_finite(array, name, shape, where="", remedy="remove or repair the bad val
 
     Raises
     ------
-    ValueError
+    TypeError, ValueError
         Naming the parameter, what was given and what is wanted.
     """
-    array = np.asarray(array, dtype=float)
+    place = f" in {where}" if where else ""
+    wanted = "(" + ", ".join(str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
+    try:
+        array = np.asarray(array, dtype=float)
+    except (TypeError, ValueError):
+        raise TypeError(
+            f"{name}{place} is a {type(array).__name__} that makes no array of numbers; give "
+            f"numbers of shape {wanted}."
+        ) from None
     fits = array.ndim == len(shape) and all(
         isinstance(want, str) or have == want for have, want in zip(array.shape, shape, strict=True)
     )
-    place = f" in {where}" if where else ""
     if not fits:
-        wanted = "(" + ", ".join(str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
         raise ValueError(f"{name}{place} has shape {array.shape}, but needs shape {wanted}.")
     bad = ~np.isfinite(array)
     if bad.any():
@@ -39,6 +45,17 @@ def as_finite(array, name, shape, where="", remedy="remove or repair the bad val
             f"index {first}; {remedy}."
         )
     return array
+
+
+def check_type(value, name, types, remedy):
+    """The value, refused unless it is of the type, or of one of a tuple of types."""
+    if not isinstance(value, types):
+        names = [t.__name__ for t in (types if isinstance(types, tuple) else (types,))]
+        raise TypeError(
+            f"{name} is a {type(value).__name__}, but must be of type {' or '.join(names)}; "
+            f"{remedy}."
+        )
+    return value
 
 
 def check_number(value, name, low=None, high=None, above=None):
@@ -68,6 +85,16 @@ def check_index(value, name, size, what):
     return int(value)
 
 
+def check_count(value, name, low, high, what):
+    """The value as int, refused unless it counts `low` to `high` (None: any number) of `what`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise TypeError(f"{name}={value!r} is not an integer: give the number of {what}.")
+    if value < low or (high is not None and value > high):
+        wanted = f"{low} or more" if high is None else f"{low} to {high}"
+        raise ValueError(f"{name}={value}, but the number of {what} must be {wanted}.")
+    return int(value)
+
+
 def as_indices(values, name, size, what):
     """Distinct indices of `what` as an int array, refused if one is outside 0 to size - 1."""
     array = np.atleast_1d(np.asarray(values))
@@ -91,9 +118,8 @@ def as_indices(values, name, size, what):
 
 
 def check_choice(value, name, choices):
-    """The value, refused unless it is one of the choices."""
-    if value not in choices:
-        raise ValueError(
-            f"{name}={value!r} is unknown; choose one of {', '.join(map(repr, choices))}."
-        )
-    return value
+    """The choice that the value equals, refused if there is none."""
+    for choice in choices:
+        if np.ndim(value) == 0 and value == choice:
+            return choice
+    raise ValueError(f"{name}={value!r} is unknown; choose one of {', '.join(map(repr, choices))}.")

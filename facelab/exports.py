@@ -6,8 +6,8 @@ import warnings
 
 import numpy as np
 
-from facelab.errors import as_finite
-from facelab.io import _existing, atomic_path
+from facelab.errors import as_finite, check_number, check_type
+from facelab.io import atomic_path, existing_file
 from facelab.motion import WeightSequence
 
 ARKIT = (
@@ -51,7 +51,7 @@ def arkit_names(name):
     -------
     tuple of str
         `browInnerUp_L` and `_R` share `browInnerUp`, for ARKit has it without sides. Empty where
-        ARKit has no counterpart.
+        ARKit has no counterpart, and for a jaw or mouth that moves to no side named.
     """
     facs = re.fullmatch(r"AU(\d+)([LR]?)", name)
     stem, side = (_FACS.get(int(facs[1]), ""), facs[2]) if facs else (name, "")
@@ -60,6 +60,8 @@ def arkit_names(name):
     sides = {"L": ("Left",), "R": ("Right",), "": ("Left", "Right", "Lower", "Upper")}[side]
     if stem in ARKIT:
         return (stem,)
+    if stem in ("jaw", "mouth") and not side:  # to both sides at once
+        return ()
     return tuple(stem + s for s in sides if stem + s in ARKIT and stem)
 
 
@@ -79,14 +81,15 @@ def to_arkit(take):
 
     Raises
     ------
-    ValueError
-        If no unit has an ARKit name.
+    TypeError, ValueError
+        If `take` is no WeightSequence or no unit of it has an ARKit name.
 
     Warns
     -----
     UserWarning
         Naming the units in use that ARKit has no counterpart for.
     """
+    check_type(take, "take", WeightSequence, "WeightSequence(weights, names, fps)")
     targets = {name: arkit_names(name) for name in take.names}
     if not any(targets.values()):
         raise ValueError(
@@ -94,7 +97,8 @@ def to_arkit(take):
             "write it under its own names with write_weights_csv."
         )
     W = np.where(take.valid[:, None], take.weights, 0)
-    lost = [n for k, n in enumerate(take.names) if not targets[n] and np.abs(W[:, k]).max() > 1e-3]
+    used = (np.abs(W) > 1e-3).any(axis=0)
+    lost = [n for n, u in zip(take.names, used, strict=True) if u and not targets[n]]
     if lost:
         warnings.warn(f"not exported, ARKit has no such shape: {', '.join(lost)}.", stacklevel=2)
     out = np.zeros((take.n_frames, len(ARKIT)))
@@ -187,27 +191,29 @@ def read_weights_csv(path):
     FileNotFoundError, ValueError
         For a missing, empty or damaged file; the message names file and line.
     """
-    path = _existing(path, "weight table")
+    path = existing_file(path, "weight table")
     with open(path, newline="", encoding="utf-8-sig", errors="replace") as source:
-        rows = [row for row in csv.reader(source) if row]
-    if rows[0][:2] != ["frame", "fps"] or len(rows[0]) < 3 or len(rows) < 2:
+        lines = csv.reader(source)
+        rows = [(lines.line_num, row) for row in lines if row]
+    header, rows = rows[0][1] if rows else [], rows[1:]
+    if header[:2] != ["frame", "fps"] or len(header) < 3 or not rows:
         raise ValueError(
             f"{path}: not a weight table; it starts with the columns frame, fps and the units, and "
             "has a row for each frame."
         )
-    W = np.full((len(rows) - 1, len(rows[0]) - 2), np.nan)
-    for i, row in enumerate(rows[1:]):
-        place = f"{path}, line {i + 2}"
-        if len(row) != len(rows[0]) or row[:2] != [str(i), rows[1][1]]:
+    W, rate = np.full((len(rows), len(header) - 2), np.nan), "".join(rows[0][1][1:2])
+    for i, (line, row) in enumerate(rows):
+        place = f"{path}, line {line}"
+        if len(row) != len(header) or row[:2] != [str(i), rate]:
             raise ValueError(
-                f"{place}: here should be frame {i} at {rows[1][1]} frames/s with {W.shape[1]} "
+                f"{place}: here should be frame {i} at {rate or '?'} frames/s with {W.shape[1]} "
                 "weights; the table was cut or edited."
             )
+        try:
+            fps = check_number(rate, "fps", above=0)
+            W[i] = [float(cell) for cell in row[2:]] if any(row[2:]) else np.nan
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{place}: {str(error).rstrip('.')}.") from None
         if any(row[2:]):
-            try:
-                W[i] = [float(cell) for cell in row[2:]]
-            except ValueError as error:
-                raise ValueError(f"{place}: {error}.") from None
             as_finite(W[i], "weights", (W.shape[1],), place)
-    valid = ~np.isnan(W[:, 0])
-    return WeightSequence(W, rows[0][2:], float(rows[1][1]), valid)
+    return WeightSequence(W, header[2:], fps, ~np.isnan(W[:, 0]))

@@ -317,7 +317,7 @@ def regress_expression(
     basis = as_basis(rig)
     lam = check_number(lam, "lam", low=0)
     check_choice(criterion, "criterion", CRITERIA)
-    alphas = as_finite(np.atleast_1d(np.asarray(list(np.atleast_1d(alphas)))), "alphas", ("A",))
+    alphas = as_finite(list(alphas) if np.iterable(alphas) else [alphas], "alphas", ("A",))
     if not alphas.size:
         raise ValueError("alphas is empty: give one number or more, such as range(101).")
     lo, hi = read_bounds(basis.rig.names, bounds, locked, excluded)

@@ -6,17 +6,17 @@ from types import MappingProxyType
 
 import numpy as np
 
-from facelab.errors import check_choice, check_index, check_number
+from facelab.blendshapes import BlendshapeRig
+from facelab.errors import check_choice, check_index, check_number, check_type
 from facelab.exports import write_live_link_csv, write_weights_csv
 from facelab.expression import (
     CRITERIA,
     ExpressionFit,
-    UnitBasis,
-    prepare_units,
     regress_expression,
 )
+from facelab.expression_units import as_basis, sketch_positions
+from facelab.history import History
 from facelab.io import read_mesh, write_obj
-from facelab.mesh import TriangleMesh
 from facelab.motion import MotionSequence, WeightSequence
 from facelab.poses import save_pose
 from facelab.posing import PosingSession
@@ -113,12 +113,13 @@ class ExpressionSession:
     """
 
     def __init__(self, rig, sketch=None, lam=1.0, bounds="0 to 1", origin="sketch"):
-        self.basis = rig if isinstance(rig, UnitBasis) else prepare_units(rig)
+        self.basis = as_basis(rig)
         self.rig = self.basis.rig
         K = len(self.rig.names)
         self._D = np.asarray(self.rig.deltas, dtype=float).reshape(K, -1)
         self.dropped = frozenset(self.basis.dropped)
         self._past, self._future, self._run = [], [], None
+        self._observers, self._group = [], None
         self._shown = None, None  # a state and its displacements
         start = ExpressionState(
             sketch=_positions(self.rig.neutral if sketch is None else sketch),
@@ -284,8 +285,7 @@ class ExpressionSession:
         ValueError
             For a frame that does not exist or was lost, and as `load`.
         """
-        if not isinstance(motion, MotionSequence):
-            raise TypeError(f"motion is a {type(motion).__name__}, but must be a MotionSequence.")
+        check_type(motion, "motion", MotionSequence, "give a single face to load")
         frame = check_index(frame, "frame", motion.n_frames, "frames")
         if not motion.valid[frame]:
             raise ValueError(f"frame={frame} was lost in the recording; choose another one.")
@@ -332,10 +332,9 @@ class ExpressionSession:
             ("clamp", clamp, (True, False)),
         ):
             if value is not None:
-                changes[name] = choices[choices.index(check_choice(value, name, choices))]
-        if any(getattr(self.state, name) != value for name, value in changes.items()):
-            run = "".join(changes)
-            self._step(run if run in ("alpha", "lam") else None, **changes)
+                changes[name] = check_choice(value, name, choices)
+        run = "".join(changes)
+        self._step(run if run in ("alpha", "lam") else None, **changes)
 
     def lock(self, name, weight=None):
         """Hold a unit at a weight: set by hand, or the present one if left out.
@@ -402,12 +401,15 @@ class ExpressionSession:
         return replace(state, fit=fit)
 
     def _step(self, run=None, **changes):
-        state = self._solved(replace(self.state, **changes))
-        if run is not None and run == self._run:
-            self._past[-1] = state
-        else:
-            self._past = [*self._past[-_STEPS:], state]
+        """Make the changes a step of undo, or part of the run under way, if they are any."""
+        if all(_same(getattr(self.state, name), value) for name, value in changes.items()):
+            return
+        state, goes_on = self._solved(replace(self.state, **changes)), run and run == self._run
+        self._past = [*(self._past[:-1] if goes_on else self._past[-_STEPS:]), state]
         self._run, self._future = run, []
+        self._tell("move" if goes_on else "step")
+
+    observe, _tell = History.observe, History._tell  # watched as a PosingSession is
 
     def settle(self):
         """End a run: the next change is a step of undo of its own."""
@@ -419,6 +421,7 @@ class ExpressionSession:
         if not self.can_undo:
             return False
         self._future.append(self._past.pop())
+        self._tell("step")
         return True
 
     def redo(self):
@@ -427,6 +430,7 @@ class ExpressionSession:
         if not self._future:
             return False
         self._past.append(self._future.pop())
+        self._tell("step")
         return True
 
     # --- where the result goes --------------------------------------------------------------------
@@ -442,9 +446,11 @@ class ExpressionSession:
 
         Raises
         ------
-        ValueError
-            If it lacks a unit that takes part.
+        TypeError, ValueError
+            If it is no such face, or lacks a unit that takes part.
         """
+        kinds = (BlendshapeRig, IntermediateSpace)
+        check_type(face, "face", kinds, "give units of the same names on that face")
         if isinstance(face, IntermediateSpace):
             return face.to_target(self.on(face.rig))
         missing = [n for n, w in self.named.items() if n not in face.names and abs(w) > 1e-3]
@@ -488,7 +494,13 @@ class ExpressionSession:
                 write_weights_csv(path, self.take())
             elif name.endswith(".json"):
                 posing = PosingSession(self.rig, self.rig.neutral)
-                posing.apply(self.weights)
+                try:
+                    posing.apply(self.weights)
+                except ValueError as error:
+                    raise ValueError(
+                        f"{error} For a pose choose bounds='0 to 1' and lock nothing beyond them, "
+                        "or save as .csv."
+                    ) from None
                 save_pose(path, posing, self.state.origin)
             elif name.endswith(".obj"):
                 write_obj(path, self.rig.neutral.with_vertices(self.vertices))
@@ -500,7 +512,10 @@ class ExpressionSession:
 
 
 def _positions(sketch):
-    V = sketch.vertices if isinstance(sketch, TriangleMesh) else sketch
-    V = np.array(V, dtype=float)
+    V = sketch_positions(sketch).copy()
     V.flags.writeable = False
     return V
+
+
+def _same(a, b):
+    return np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b

@@ -1,6 +1,7 @@
 """A rig and a sketch made ready for regression: units reduced, rigid motion found, bounds read."""
 
 import warnings
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -8,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from facelab.blendshapes import BlendshapeRig
-from facelab.errors import as_finite, check_choice, check_number
+from facelab.errors import as_finite, check_choice, check_number, check_type
 from facelab.mesh import TriangleMesh
 from facelab.quadratic import one_thread
 
@@ -117,8 +118,7 @@ def prepare_units(rig, still="drop", dependent="refuse", min_motion=0.1):
     ValueError
         If units are still or dependent and refused, or if none is left.
     """
-    if not isinstance(rig, BlendshapeRig):
-        raise TypeError(f"rig must be a BlendshapeRig or a UnitBasis, got {type(rig).__name__}.")
+    check_type(rig, "rig", BlendshapeRig, "or a UnitBasis, which comes from one (prepare_units)")
     check_choice(still, "still", ("drop", "refuse"))
     check_choice(dependent, "dependent", ("refuse", "drop"))
     min_motion = check_number(min_motion, "min_motion", low=0)
@@ -247,21 +247,25 @@ def _rotation(x):
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
 
 
-def sketch_vertices(basis, sketch):
-    n = basis.rig.neutral.n_vertices
+def sketch_positions(sketch):
+    """Vertices of a sketch on any mesh, (n_vertices, 3)."""
     V = sketch.vertices if isinstance(sketch, TriangleMesh) else sketch
-    if np.shape(V) != (n, 3):
+    return as_finite(V, "sketch", ("n_vertices", 3))
+
+
+def sketch_vertices(basis, sketch):
+    V, n = sketch_positions(sketch), basis.rig.neutral.n_vertices
+    if len(V) != n:
         raise ValueError(
-            f"sketch has shape {np.shape(V)}, but the rig's mesh asks for ({n}, 3): fit the "
+            f"sketch has shape {V.shape}, but the rig's mesh asks for ({n}, 3): fit the "
             "template to the sketch first, or take the rig on the sketch's vertices (rig.on)."
         )
-    return as_finite(V, "sketch", (n, 3))
+    return V
 
 
 def sketch_displacement(basis, sketch, align):
     """d of Eq. 3, flat, millimetres, and the alignment applied (None if none)."""
-    if align not in ("check", True, False):
-        raise ValueError(f'align={align!r} is unknown; choose "check", True or False.')
+    align = check_choice(align, "align", ("check", True, False))
     V, N = sketch_vertices(basis, sketch), basis.rig.neutral.vertices
     if align is False:
         return (V - N).ravel(), None
@@ -293,32 +297,24 @@ def read_bounds(names, bounds, locked=None, excluded=()):
     """lo and hi of every unit, shape (K,) each, locks and exclusions put in."""
     K = len(names)
     lo, hi = np.zeros(K), np.ones(K)
-    excluded = [excluded] if isinstance(excluded, str) else list(excluded)
-    named = dict(locked or {})
-    unknown = sorted({*named, *excluded, *(bounds if isinstance(bounds, dict) else ())} - {*names})
+    excluded = [excluded] if isinstance(excluded, str) else excluded
+    excluded = list(check_type(excluded, "excluded", Iterable, "give names of units"))
+    remedy = f"give a weight by name, such as {{{names[0]!r}: 0.5}}"
+    named = dict(check_type({} if locked is None else locked, "locked", Mapping, remedy))
+    given = [*named, *excluded, *(bounds if isinstance(bounds, dict) else ())]
+    unknown = sorted({str(n) for n in given if n not in names})
     if unknown:
         raise ValueError(f"unknown unit(s) {', '.join(unknown)}; this rig has {', '.join(names)}.")
     both = sorted({*named} & {*excluded})
     if both:
         raise ValueError(f"{', '.join(both)} is both locked and excluded; choose one.")
     if isinstance(bounds, dict):
-        for name, (low, high) in bounds.items():
-            lo[names.index(name)] = -np.inf if low is None else low
-            hi[names.index(name)] = np.inf if high is None else high
+        for name, pair in bounds.items():
+            k = names.index(name)
+            lo[k], hi[k] = _pair(pair, f"bounds[{name!r}]", [()])
     else:
-        if not isinstance(bounds, tuple | list | np.ndarray | None):
-            raise TypeError(f"bounds={bounds!r}: give None, a pair, or a dict of pairs by name.")
-        if bounds is not None and len(bounds) != 2:
-            raise ValueError(f"bounds has {len(bounds)} parts, but needs two: lower and upper.")
-        for array, bound, none in zip(
-            (lo, hi), bounds or (None, None), (-np.inf, np.inf), strict=True
-        ):
-            bound = np.asarray(none if bound is None else bound, dtype=float)
-            if bound.shape not in ((), (K,)):
-                raise ValueError(f"bounds has shape {bound.shape}, but {K} units need ({K},).")
-            array[:] = bound
-    if np.isnan(lo).any() or np.isnan(hi).any():
-        raise ValueError("bounds holds NaN; use None for no bound.")
+        pair = (None, None) if bounds is None else bounds
+        lo[:], hi[:] = _pair(pair, "bounds", [(), (K,)])
     for name, value in {**dict.fromkeys(excluded, 0.0), **named}.items():
         lo[names.index(name)] = hi[names.index(name)] = check_number(value, f"locked[{name!r}]")
     crossed = np.flatnonzero(lo > hi)
@@ -326,6 +322,30 @@ def read_bounds(names, bounds, locked=None, excluded=()):
         said = ", ".join(f"{names[i]} ({lo[i]:g} > {hi[i]:g})" for i in crossed[:6])
         raise ValueError(f"bounds: the lower is above the upper for {said}; swap them.")
     return lo, hi
+
+
+def _pair(pair, name, shapes):
+    """Lower and upper bound, None and infinity read as no bound."""
+    try:
+        low, high = pair
+    except (TypeError, ValueError) as error:
+        raise type(error)(
+            f"{name}={pair!r}: give two bounds, lower and upper, None for no bound."
+        ) from None
+    return [_bound(low, -np.inf, name, shapes), _bound(high, np.inf, name, shapes)]
+
+
+def _bound(value, none, name, shapes):
+    try:
+        bound = np.asarray(none if value is None else value, dtype=float)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} holds {value!r}, which is no number.") from None
+    if bound.shape not in shapes:
+        wanted = " or ".join(map(str, shapes))
+        raise ValueError(f"{name} holds a bound of shape {bound.shape}, but needs shape {wanted}.")
+    if np.isnan(bound).any():
+        raise ValueError(f"{name} holds NaN; use None for no bound.")
+    return bound
 
 
 def among_all(w, basis):

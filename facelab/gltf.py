@@ -8,6 +8,8 @@ import numpy as np
 from facelab.blendshapes import BlendshapeRig
 from facelab.errors import as_finite, check_choice
 from facelab.io import atomic_path
+from facelab.mesh import TriangleMesh
+from facelab.poses import check_clip
 
 _METRES = 1e-3  # for a millimetre
 _STILL = 1e-9  # metres: smaller displacements are left out of sparse targets
@@ -40,14 +42,17 @@ def write_glb(
 
     Raises
     ------
-    ValueError
-        For shapes that do not fit, names twice, or times that do not ascend; nothing is written.
+    ValueError, TypeError
+        For shapes that do not fit, names twice, times that do not ascend, or what is no mesh;
+        nothing is written.
 
     References
     ----------
     Khronos Group, glTF 2.0 specification, sections 3.6, 3.7 and 3.11.
     """
     check_choice(interpolation, "interpolation", ("LINEAR", "STEP", "SMOOTH"))
+    if not isinstance(mesh, TriangleMesh):
+        raise TypeError(f"mesh is a {type(mesh).__name__}; give a TriangleMesh.")
     n = mesh.n_vertices
     deltas = np.zeros((0, n, 3)) if deltas is None else deltas
     deltas = as_finite(deltas, "deltas", ("n_targets", n, 3))
@@ -87,7 +92,13 @@ def write_clip_glb(path, clip, session):
     clip : Clip
     session : PosingSession
         Whose model made the clip's poses.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For a clip of another number of coefficients, or what is no clip; nothing is written.
     """
+    check_clip(clip, session)
     way = {"smooth": "SMOOTH", "linear": "LINEAR"}[clip.easing]
     if isinstance(session.model, BlendshapeRig):
         rest = session.neutral.vertices

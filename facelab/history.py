@@ -3,6 +3,7 @@
 import functools
 import inspect
 import time
+import warnings
 import weakref
 from contextlib import contextmanager
 
@@ -50,6 +51,7 @@ class History:
 
     def __init__(self, state, clock=time.time):
         self._past, self._future = [state], []
+        self._undone = []  # what could be redone before the groups that merge began
         self._group = self._merge_key = None
         self._clock, self._started, self._editing = clock, clock(), False
         self._observers = []
@@ -109,7 +111,7 @@ class History:
 
     def _refuse_in_group(self):
         if self._group is not None:
-            raise RuntimeError("undo and redo belong outside `with session.group()`.")
+            raise RuntimeError("undo, redo and saving belong outside `with session.group()`.")
 
     def _push(self, state):
         """Make a state the present one; a change of nothing is no step."""
@@ -132,18 +134,14 @@ class History:
             yield
             return
         self.release()
-        start, future, written = len(self._past), self._future, len(self.log)
+        start, future = len(self._past), self._future
         merges = key is not None and key == self._merge_key
         self._group = key or "group"
         try:
-            self._note("group", key=key)
-            yield
-            self.release()
-        except BaseException:
-            self.cancel()
-            del self._past[start:], self.log[written:]
-            self._future = future
-            raise
+            with self._all_or_nothing():
+                self._note("group", key=key)
+                yield
+                self.release()
         finally:
             self._group = None
         self._note("end")
@@ -151,10 +149,32 @@ class History:
             first = start - 1 if merges else start
             self._past[first:] = [self.state]
             self._merge_key = key
+            self._undone = self._undone if merges else future
             if self.state.same(self._past[first - 1]):
                 self._past.pop()
-                self._merge_key = None
+                self._future, self._merge_key = self._undone, None
             self._tell("step")
+
+    @contextmanager
+    def _all_or_nothing(self):
+        """An error inside takes back all that was done, undone, redone and logged since."""
+        self.release()
+        memory = self._memory()
+        try:
+            yield
+        except BaseException:
+            self._recall(memory)
+            self.cancel()
+            self._tell("step")
+            raise
+
+    def _memory(self):
+        """All that an error in a group or a log must bring back."""
+        steps = list(self._past), list(self._future), list(self._undone)
+        return *steps, list(self.log), self._merge_key
+
+    def _recall(self, memory):
+        self._past, self._future, self._undone, self.log[:], self._merge_key = memory
 
     def seal(self):
         """End merging by key: the next group makes a step of its own."""
@@ -168,11 +188,18 @@ class History:
         self.log.append({"t": t, "do": what, **plain})
 
     def _plain(self, value):
-        """The value as JSON has it."""
-        return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+        """The value as JSON has it, and nothing of it shared."""
+        if isinstance(value, (list, tuple)):
+            return [self._plain(each) for each in value]
+        if value is None or isinstance(value, (bool, int, float, str)):
+            return value.item() if isinstance(value, np.generic) else value
+        return np.asarray(value).tolist()
 
     def observe(self, callback):
         """Call back after every change, so that views of the session stay in step.
+
+        What goes wrong in a callback becomes a warning, after all have been called: the change
+        itself stands.
 
         Parameters
         ----------
@@ -185,7 +212,22 @@ class History:
         self._observers.append(weakref.WeakMethod(callback) if held else lambda: callback)
 
     def _tell(self, what):
-        if self._group is None:
-            self._observers = [known for known in self._observers if known() is not None]
-            for known in self._observers:
-                known()(what)
+        if self._group is not None:
+            return
+        alive = [(known, known()) for known in self._observers]
+        self._observers = [known for known, callback in alive if callback is not None]
+        failed = []
+        for _, callback in alive:
+            try:
+                if callback is not None:
+                    callback(what)
+            except Exception as error:
+                failed.append((callback, error))
+        for callback, error in failed:
+            who = getattr(callback, "__qualname__", repr(callback))
+            what_failed = f"{type(error).__name__}: {error}"
+            warnings.warn(
+                f"the change stands, but the observer {who} failed to follow it: {what_failed}",
+                RuntimeWarning,
+                stacklevel=3,
+            )

@@ -22,7 +22,7 @@ from facelab.motion import WeightSequence
 @contextmanager
 def atomic_path(path):
     """A temporary path beside `path` that takes its place when all went well, else vanishes."""
-    path = Path(path)
+    path = _as_path(path)
     if not path.parent.is_dir():
         raise FileNotFoundError(f"path={str(path)!r}: the folder {path.parent} does not exist.")
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
@@ -38,8 +38,27 @@ def atomic_path(path):
         raise
 
 
-def _existing(path, what):
-    path = Path(path)
+def _as_path(path):
+    if not isinstance(path, (str, os.PathLike)):
+        raise TypeError(f"path is a {type(path).__name__}; give a str or a Path.")
+    return Path(path)
+
+
+def existing_file(path, what):
+    """The path as a `Path`, refused unless it is a file with something in it.
+
+    Parameters
+    ----------
+    path : str or Path
+    what : str
+        What the file should be, for the message ("OBJ file").
+
+    Raises
+    ------
+    FileNotFoundError, ValueError, TypeError
+        For a missing file, a folder or an empty file, or what is no path.
+    """
+    path = _as_path(path)
     if not path.exists():
         raise FileNotFoundError(f"path={str(path)!r}: there is no such {what}.")
     if not path.is_file():
@@ -72,7 +91,7 @@ def read_obj(path):
     FileNotFoundError, ValueError
         For a missing, empty or damaged file; the message names file and line.
     """
-    path = _existing(path, "OBJ file")
+    path = existing_file(path, "OBJ file")
     vertices, polygons = [], []
     for number, words in _obj_lines(path):
         if words[0] == b"v":
@@ -86,7 +105,7 @@ def read_obj(path):
 
 def read_obj_vertices(path):
     """Only the vertices of an OBJ file, shape (n_vertices, 3): for shapes with known faces."""
-    path = _existing(path, "OBJ file")
+    path = existing_file(path, "OBJ file")
     return _obj_vertices(path, [line for line in _obj_lines(path) if line[1][0] == b"v"])
 
 
@@ -196,7 +215,7 @@ def read_mesh(path):
         return read_obj(path)
     import trimesh
 
-    path = _existing(path, "mesh file")
+    path = existing_file(path, "mesh file")
     try:
         if path.suffix.lower() == ".gltf":
             json.loads(path.read_bytes())  # for a damaged one trimesh looks for another file
@@ -271,7 +290,7 @@ def read_live_link_csv(path):
         For a missing or empty file, other columns, a row of another length, a value that is not
         a number; the message names file and line.
     """
-    path = _existing(path, "Live Link CSV file")
+    path = existing_file(path, "Live Link CSV file")
     with open(path, newline="", encoding="utf-8-sig", errors="replace") as source:
         try:
             lines = csv.reader(source, quoting=csv.QUOTE_NONE)
@@ -385,7 +404,7 @@ def load_npz(path, kind, version):
     FileNotFoundError, ValueError
         If the file is missing, damaged, of another kind or of another version.
     """
-    path = _existing(path, "npz file")
+    path = existing_file(path, "npz file")
     try:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}

@@ -277,10 +277,6 @@ class PoseSolver(Solver):
         """
         return (_Affine if self.affine else _Limited)(self, vertices, weights)
 
-    def factor(self, vertices):
-        """Factorised matrix of Eq. 10 for pins on these vertices."""
-        return _Affine(self, vertices).factor
-
     def solve(self, pins, c_0=None):
         """Coefficients at the minimum of Eq. 9.
 
@@ -298,14 +294,6 @@ class PoseSolver(Solver):
         rest = np.zeros(self.n_coefficients)
         targets = np.array(list(pins.values()), dtype=float).reshape(-1, 3)
         return self.problem(list(pins)).solve(targets, rest, rest if c_0 is None else c_0)
-
-    def sensitivity(self, vertices, moving):
-        """How the coefficients follow the target of one pin: dc / dt, shape (P, 3).
-
-        While one pin moves the matrix of Eq. 10 stands still, so the pose is affine in its target.
-        """
-        vertices = list(vertices)
-        return _Affine(self, vertices).slope(vertices.index(moving))
 
     # --- what coefficients mean -------------------------------------------------------------------
 
@@ -440,7 +428,10 @@ class _Affine:
         return c_0 + y
 
     def slope(self, k):
-        """How the coefficients follow the target of pin k, shape (P, 3)."""
+        """How the coefficients follow the target of pin k: dc / dt, shape (P, 3).
+
+        While one pin moves the matrix of Eq. 10 stands still, so the pose is affine in its target.
+        """
         with one_thread():
             return cho_solve(self.factor, self._pull[:, 3 * k : 3 * k + 3], check_finite=False)
 

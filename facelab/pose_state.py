@@ -6,9 +6,18 @@ from types import MappingProxyType
 import numpy as np
 
 
+def frozen_copy(array):
+    """A copy as float64 that cannot be written to."""
+    array = np.array(array, dtype=float)
+    array.flags.writeable = False
+    return array
+
+
 @dataclass(frozen=True, eq=False)
 class PoseState:
     """One moment of a session: all that decides the pose. Keep it to come back to it.
+
+    It has copies of its own of all arrays, and they cannot be written to.
 
     Parameters
     ----------
@@ -42,8 +51,12 @@ class PoseState:
     limit: float | None = None
 
     def __post_init__(self):
-        for name in ("pins", "weights"):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        pins = {v: frozen_copy(t) for v, t in self.pins.items()}
+        values = {"pins": MappingProxyType(pins), "weights": MappingProxyType(dict(self.weights))}
+        for name in ("c_0", "coefficients", "molded"):
+            values[name] = frozen_copy(getattr(self, name))
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     def same(self, other):
         """Whether nothing at all differs."""

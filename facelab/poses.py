@@ -4,18 +4,19 @@ Every file carries a fingerprint of model and mesh. A file of another model, a d
 one is refused with the reason, and nothing changes. Files are written whole or not at all.
 """
 
+import contextlib
 import hashlib
 import json
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from facelab.blendshapes import BlendshapeRig
 from facelab.errors import as_finite, check_choice, check_index, check_number
-from facelab.io import atomic_path
+from facelab.io import atomic_path, existing_file
 from facelab.mesh import TriangleMesh
 from facelab.pose_solver import sizes_of
+from facelab.pose_state import frozen_copy
 
 _VERSION = 1
 _PROBES = 4  # random projections in a fingerprint
@@ -28,8 +29,8 @@ _CLOSE = 1e-6  # of their size: the same training on another machine differs by 
 def fingerprint(thing):
     """What tells a model or mesh from others, as a small dict for JSON.
 
-    Sizes, and a few random projections of all its numbers, which `_differs` compares with a
-    tolerance: a model trained again on the same data is the same, though its last bits differ.
+    Sizes, and a few random projections of all its numbers, to be compared with a tolerance: a
+    model trained again on the same data is the same, though its last bits differ.
 
     Parameters
     ----------
@@ -146,7 +147,13 @@ def save_pose(path, session, name=""):
     session : PosingSession
         A drag under way is not part of it.
     name : str, optional
+
+    Raises
+    ------
+    RuntimeError
+        Inside `with session.group()`: half a group is no log that can be replayed.
     """
+    session._refuse_in_group()
     content = {"name": str(name), "state": state_to_dict(session.state), "log": session.log}
     _write(path, "pose", session, content)
 
@@ -173,8 +180,7 @@ def load_pose(path, session, models=()):
     """
     stored = _read(path, "pose", session)
     with _said_of(path):
-        state = _state_from_dict(stored["state"], session, models)
-    session.restore(state)
+        session.restore(_state_from_dict(stored["state"], session, models))
     return session.state
 
 
@@ -203,17 +209,52 @@ def replay(log, session, models=()):
 
     Raises
     ------
-    ValueError
-        For an entry that is no edit, or that fails.
+    ValueError, TypeError
+        For an entry that is no edit, or that fails, for a log that ends inside a group, and for
+        what is no list; nothing changes.
     """
-    groups = []
-    for i, entry in enumerate(log):
-        arguments = {k: v for k, v in entry.items() if k not in ("t", "do")}
-        try:
-            _redo(entry.get("do"), arguments, session, models, groups)
-        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-            raise ValueError(f"log[{i}] ({entry.get('do')!r}) cannot be done: {error}") from error
+    if not isinstance(log, (list, tuple)):
+        raise TypeError(
+            f"log is a {type(log).__name__}; give a list of entries (`read_log(path)`)."
+        )
+    with session._all_or_nothing():
+        _play(iter(enumerate(list(log))), session, models)
     return session
+
+
+def _play(entries, session, models, inside=False):
+    """Do edits one after another; those inside a group up to its end."""
+    for i, entry in entries:
+        with _named(i, entry):
+            do = entry["do"]
+            arguments = {k: v for k, v in entry.items() if k not in ("t", "do")}
+            if do == "end":
+                if not inside:
+                    raise ValueError("no group is open")
+                return
+            if do != "group":
+                _redo(do, arguments, session, models)
+                continue
+            if inside:
+                raise ValueError("a group is open already")
+            group = session.group(**arguments)
+        with group:
+            _play(entries, session, models, inside=True)
+    if inside:
+        raise ValueError("log ends inside a group: its 'end' is missing.")
+
+
+@contextlib.contextmanager
+def _named(i, entry):
+    """Errors inside, also those of missing or misshapen arguments, name the entry of the log."""
+    try:
+        if not isinstance(entry, dict):
+            raise TypeError("it is no dict with an entry 'do'")
+        yield
+    except Exception as error:
+        do = repr(entry.get("do") if isinstance(entry, dict) else entry)[:60]
+        why = f"its entry {error} is missing" if isinstance(error, KeyError) else error
+        raise ValueError(f"log[{i}] ({do}) cannot be done: {why}") from error
 
 
 _EDITS = frozenset(
@@ -222,7 +263,7 @@ _EDITS = frozenset(
 )
 
 
-def _redo(do, arguments, session, models, groups):
+def _redo(do, arguments, session, models):
     if do == "pull":
         session.drag(**arguments)
         session.release()
@@ -232,11 +273,6 @@ def _redo(do, arguments, session, models, groups):
         session.use(_find_model(arguments["model"], session, models))
     elif do == "restore":
         session.restore(_state_from_dict(arguments["state"], session, models))
-    elif do == "group":
-        groups.append(session.group(arguments["key"]))
-        groups[-1].__enter__()
-    elif do == "end":
-        groups.pop().__exit__(None, None, None)
     elif do in _EDITS:
         getattr(session, do)(**arguments)
     else:
@@ -256,9 +292,7 @@ def _write(path, kind, session, content):
 
 def _read(path, kind, session=None):
     """The content of a file of this kind, for the face of the session."""
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"path={str(path)!r}: there is no such {kind} file.")
+    path = existing_file(path, f"{kind} file")
     with _said_of(path):
         try:
             stored = json.loads(path.read_text(encoding="utf-8"))
@@ -321,7 +355,7 @@ def interpolate(a, b, share):
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """Poses at times, and what is between them.
+    """Poses at times, and what is between them. Its arrays are copies that cannot be written to.
 
     Parameters
     ----------
@@ -359,7 +393,8 @@ class Clip:
         if len(names) != len(times):
             raise ValueError(f"names has {len(names)} entries for {len(times)} keys.")
         check_choice(self.easing, "easing", ("smooth", "linear"))
-        for name, value in (("times", times), ("poses", poses), ("names", names)):
+        values = {"times": frozen_copy(times), "poses": frozen_copy(poses), "names": names}
+        for name, value in values.items():
             object.__setattr__(self, name, value)
 
     @classmethod
@@ -439,7 +474,14 @@ class Clip:
 
 
 def save_clip(path, clip, session):
-    """Write a clip made with a session's model to a JSON file."""
+    """Write a clip made with a session's model to a JSON file.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For a clip of another number of coefficients, or what is no clip; nothing is written.
+    """
+    check_clip(clip, session)
     content = {
         "model": fingerprint(session.model),
         "times": clip.times.tolist(),
@@ -454,8 +496,20 @@ def load_clip(path, session):
     """The clip of a file, refused as by `load_pose` unless it is of the session's model."""
     stored = _read(path, "clip", session)
     with _said_of(path):
-        _find_model(stored["model"], session, ())
+        if reason := _differs(stored["model"], fingerprint(session.model)):
+            raise ValueError(f"it was made with another model: {reason}; use that model.")
         clip = Clip(stored["times"], stored["poses"], stored["easing"], stored["names"])
-        P = len(session.state.coefficients)
-        as_finite(clip.poses, "poses", ("n_keys", P))
+        check_clip(clip, session)
         return clip
+
+
+def check_clip(clip, session):
+    """Refuse what is no `Clip`, or one whose poses the session's model cannot have."""
+    if not isinstance(clip, Clip):
+        raise TypeError(f"clip is a {type(clip).__name__}; give a Clip.")
+    P, found = sizes_of(session.model)[1], clip.poses.shape[1]
+    if found != P:
+        raise ValueError(
+            f"clip has {found} coefficients in each pose, but the session's model has {P}; use the "
+            "model that made the clip."
+        )

@@ -10,8 +10,10 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from facelab.blendshapes import BlendshapeRig
+from facelab.deformation import LinearBinding
 from facelab.errors import as_finite, check_index, check_number
 from facelab.history import History, logged
+from facelab.mesh import TriangleMesh
 from facelab.models import RegionModel
 from facelab.pose_solver import REFERENCE_VERTICES, STIFFNESS, PoseSolver, sizes_of
 from facelab.pose_state import PoseState
@@ -73,7 +75,8 @@ class PosingSession(History):
     shared_pins : {"blended", "copies"}
         What a pin on a vertex of several regions holds, see `PoseSolver`.
     limit : float, optional
-        Standard deviations beyond which coefficients are drawn back, see `PoseSolver`.
+        Standard deviations beyond which coefficients are drawn back, see `PoseSolver`; not for a
+        rig, whose weights stay within 0 and 1.
     partners : ndarray of int, shape (n_vertices,), optional
         Mirrored partner of each vertex, -1 for none; from `mirror_partners` if left out.
     clock : callable, default=time.time
@@ -87,8 +90,8 @@ class PosingSession(History):
 
     Raises
     ------
-    ValueError
-        If model, neutral and binding do not belong together.
+    ValueError, TypeError
+        If model, neutral and binding do not belong together, or are none.
 
     Notes
     -----
@@ -113,6 +116,13 @@ class PosingSession(History):
         partners=None,
         clock=time.time,
     ):
+        if not isinstance(neutral, TriangleMesh):
+            raise TypeError(f"neutral is a {type(neutral).__name__}; give a TriangleMesh.")
+        if not (binding is None or isinstance(binding, LinearBinding)):
+            raise TypeError(
+                f"binding is a {type(binding).__name__}; give the LinearBinding of "
+                "`bind(neutral, samples)`."
+            )
         self.neutral = neutral
         self.binding = binding
         self.shared_pins = shared_pins
@@ -134,7 +144,7 @@ class PosingSession(History):
             check_number(beta, "beta", low=0),
             check_number(gamma, "gamma", above=0),
             *(rest, rest, rest),
-            limit=_checked_limit(limit),
+            limit=_checked_limit(limit, model),
         )
         self._solver_for(start)  # refuses what it cannot use
         super().__init__(start, clock)
@@ -184,8 +194,12 @@ class PosingSession(History):
 
     @property
     def limit(self):
-        """Standard deviations that coefficients are held to, or None."""
-        return self.state.limit
+        """Standard deviations that coefficients are held to, or None.
+
+        None for a rig, whose weights stay within 0 and 1; a limit set before `use` went to the rig
+        acts again with the next model that knows standard deviations.
+        """
+        return self._solver.limit
 
     @property
     def affine(self):
@@ -394,7 +408,7 @@ class PosingSession(History):
             For a vertex that does not exist, a locked pin, or a target that is not finite;
             nothing changes.
         """
-        target = as_finite(target, "target", (3,), remedy="give three finite coordinates")
+        target = as_finite(target, "target", (3,), remedy="give three finite coordinates").copy()
         vertex = self._vertex(vertex)
         if self._drag is None or self._drag.vertex != vertex:
             self.press(vertex)
@@ -616,14 +630,15 @@ class PosingSession(History):
         Raises
         ------
         ValueError
-            For a beta below 0, a gamma or limit not above 0; nothing changes.
+            For a beta below 0, a gamma or limit not above 0, or a limit where the model knows no
+            standard deviations; nothing changes.
         """
         state = self.state
         changed = replace(
             state,
             beta=state.beta if beta is None else check_number(beta, "beta", low=0),
             gamma=state.gamma if gamma is None else check_number(gamma, "gamma", above=0),
-            limit=state.limit if limit is _AS_IT_IS else _checked_limit(limit),
+            limit=state.limit if limit is _AS_IT_IS else _checked_limit(limit, state.model),
         )
         self._solver_for(changed)  # refuses what it cannot use
         self.release()
@@ -653,11 +668,23 @@ class PosingSession(History):
         Raises
         ------
         ValueError, TypeError
-            If it is none, or of another face; nothing changes.
+            If it is none, of another face, or one that its model cannot have; nothing changes.
         """
         if not isinstance(state, PoseState):
             raise TypeError(f"state is a {type(state).__name__}; give a PoseState (session.state).")
         self._check_model(state.model)
+        check_number(state.beta, "beta", low=0)
+        solver = self._solver_for(state)  # refuses what it cannot use
+        for v, target in state.pins.items():
+            as_finite(target, f"displacement of pin {self._vertex(v)}", (3,))
+        for v, weight in state.weights.items():
+            check_number(weight, f"weight of pin {v}", above=0)
+        unpinned = (state.locked | state.weights.keys()) - state.pins.keys()
+        if unpinned:
+            raise ValueError(f"state locks or weights {sorted(unpinned)}, which it does not pin.")
+        for name in ("c_0", "molded", "coefficients"):
+            as_finite(getattr(state, name), name, (solver.n_coefficients,))
+        solver.check(state.coefficients)
         self.release()
         self._push(state)
 
@@ -776,6 +803,13 @@ class PosingSession(History):
         """
         return self._solver.clipped(np.asarray(track) + self.coefficients)
 
+    def _memory(self):
+        return super()._memory(), self._symmetric
+
+    def _recall(self, memory):
+        steps, self._symmetric = memory
+        super()._recall(steps)
+
     def _plain(self, value):
         if isinstance(value, PoseState):
             return state_to_dict(value)
@@ -784,5 +818,13 @@ class PosingSession(History):
         return super()._plain(value)
 
 
-def _checked_limit(limit):
-    return limit if limit is None else check_number(limit, "limit", above=0)
+def _checked_limit(limit, model):
+    if limit is None:
+        return None
+    limit = check_number(limit, "limit", above=0)
+    if isinstance(model, BlendshapeRig):
+        raise ValueError(
+            f"limit={limit:g} counts standard deviations, but the model is a rig, whose weights "
+            "stay within 0 and 1 anyway; leave the limit out."
+        )
+    return limit

@@ -20,6 +20,8 @@ class RigSolver(Solver):
     on 397 vertices, so that gamma means the same for every rig, at every density, as it does in
     `PoseSolver`.
 
+    There is no `limit`: a rig knows no standard deviations, and its bounds hold it already.
+
     Parameters
     ----------
     rig : BlendshapeRig
@@ -35,6 +37,7 @@ class RigSolver(Solver):
     """
 
     affine = False
+    limit = None
     mold_ends = bounds = (0.0, 1.0)
 
     def __init__(self, rig, gamma=0.025, binding=None):

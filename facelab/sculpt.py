@@ -4,6 +4,7 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from facelab.errors import as_finite, check_index, check_number
+from facelab.mesh import TriangleMesh
 
 
 class Sculpt:
@@ -30,6 +31,8 @@ class Sculpt:
     """
 
     def __init__(self, mesh, vertices=None, radius=20.0):
+        if not isinstance(mesh, TriangleMesh):
+            raise TypeError(f"mesh is a {type(mesh).__name__}; give a TriangleMesh.")
         self.mesh = mesh
         self.radius = check_number(radius, "radius", above=0)
         start = mesh.vertices if vertices is None else vertices
@@ -49,7 +52,7 @@ class Sculpt:
     @property
     def pins(self):
         """The vertex held and its target: dict of int to ndarray (3,), empty between pulls."""
-        return {} if self._drag is None else {self._drag[0]: self._drag[1]}
+        return {} if self._drag is None else {self._drag[0]: self._drag[1].copy()}
 
     @property
     def can_undo(self):
@@ -82,7 +85,7 @@ class Sculpt:
         target = as_finite(target, "target", (3,), remedy="give three finite coordinates")
         if self._drag is None or self._drag[0] != vertex:
             self.press(vertex)
-        self._drag = self._drag[0], target, self._drag[2]
+        self._drag = self._drag[0], target.copy(), self._drag[2]
 
     def release(self):
         """Let go: the face stays as it was pulled; a press without a drag leaves no step."""

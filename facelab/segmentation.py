@@ -14,7 +14,6 @@ from scipy.linalg import eigh
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
-from scipy.spatial import cKDTree
 from sklearn.cluster import KMeans
 from sklearn.metrics import adjusted_rand_score
 from sklearn.metrics.cluster import contingency_matrix
@@ -22,7 +21,7 @@ from sklearn.utils import check_random_state
 from threadpoolctl import threadpool_limits
 from tqdm.auto import tqdm
 
-from facelab.errors import as_finite, as_indices, check_choice, check_number
+from facelab.errors import as_finite, check_choice, check_count, check_number, check_type
 from facelab.mesh import TriangleMesh
 from facelab.motion import MotionSequence
 
@@ -120,11 +119,12 @@ def affinity(C_bar, G, lam=0.7, r=10.0, threshold=0.7):
     """
     lam = check_number(lam, "lam", low=0, high=1)
     threshold = check_number(threshold, "threshold", low=0, high=1)
+    C_bar = as_finite(C_bar, "C_bar", ("n_vertices", "n_vertices"))
     if np.shape(C_bar) != np.shape(G):
         raise ValueError(f"C_bar has shape {np.shape(C_bar)}, G {np.shape(G)}; they must agree.")
     A = nearness(G, r)  # Eq. 11
     A *= 1 - lam
-    np.add(A, np.multiply(C_bar, lam), out=A, where=np.asarray(C_bar) >= threshold)  # Eq. 12
+    np.add(A, np.multiply(C_bar, lam), out=A, where=C_bar >= threshold)  # Eq. 12
     return A
 
 
@@ -149,20 +149,10 @@ def spectral_embedding(A, k, rows="unit"):
     Ng, Jordan and Weiss 2001, steps 1 to 4.
     """
     check_choice(rows, "rows", ("unit", "degree"))
-    k = _check_count(k, "k", len(A))
+    k = check_count(k, "k", 1, len(A), f"clusters of {len(A)} vertices")
     L, root = _normalised(A)
     X = _leading(L, k)
     return _unit_rows(X) if rows == "unit" else X / root[:, None]
-
-
-def _check_count(value, name, n_vertices):
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise TypeError(f"{name}={value!r} is not an integer: give the number of clusters wanted.")
-    if not 1 <= value <= n_vertices:
-        raise ValueError(
-            f"{name}={value}, but {n_vertices} vertices allow 1 to {n_vertices} clusters."
-        )
-    return int(value)
 
 
 def _normalised(A):
@@ -192,30 +182,8 @@ def _unit_rows(X):
     return X / np.where(length > 0, length, 1)
 
 
-def spectral_clusters(A, k, n_init=20, random_state=None):
-    """Cluster number of each vertex, 0 to k - 1, by spectral clustering.
-
-    Parameters
-    ----------
-    A : ndarray of shape (n, n)
-    k : int
-    n_init : int, default=20
-        Runs of k-means; the one with the smallest sum of distances to the centres is kept.
-    random_state : int, RandomState or None
-
-    Returns
-    -------
-    labels : ndarray of int, shape (n,)
-        Numbered in the order of their first vertex, so that a rerun looks the same.
-
-    References
-    ----------
-    Ng, Jordan and Weiss 2001; Tena et al. 2011, section 4.2 (20 runs).
-    """
-    return _cluster_rows(spectral_embedding(A, k), k, n_init, random_state)
-
-
 def _cluster_rows(Y, k, n_init, random_state):
+    """Clusters by k-means, numbered in the order of their first row."""
     labels = KMeans(k, n_init=n_init, random_state=random_state).fit_predict(Y)
     order = list(dict.fromkeys(labels.tolist()))
     return np.argsort(order)[labels]
@@ -308,8 +276,13 @@ def compactness(labels, mesh):
     Returns
     -------
     Compactness
+
+    Raises
+    ------
+    ValueError
+        If there is not one label for each vertex.
     """
-    labels = np.asarray(labels)
+    labels = _as_labels(labels, mesh)
     k = int(labels.max()) + 1
     inside = mesh.edges[labels[mesh.edges[:, 0]] == labels[mesh.edges[:, 1]]]
     graph = sp.coo_array((np.ones(len(inside)), inside.T), shape=mesh.adjacency.shape)
@@ -325,6 +298,16 @@ def compactness(labels, mesh):
     alone[whole] = False
     loose = tuple(tuple(np.flatnonzero(alone & (labels == i)).tolist()) for i in range(k))
     return Compactness(k, tuple(cut_off), loose)
+
+
+def _as_labels(labels, mesh):
+    labels = np.asarray(labels)
+    if labels.shape != (mesh.n_vertices,) or labels.dtype.kind not in "iu":
+        raise ValueError(
+            f"labels has shape {labels.shape} and type {labels.dtype}, but needs one integer "
+            f"for each of the {mesh.n_vertices} vertices."
+        )
+    return labels
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,12 +355,7 @@ class Regions:
     why: str = "The labels were given."
 
     def __post_init__(self):
-        labels = np.asarray(self.labels)
-        if labels.shape != (self.mesh.n_vertices,) or labels.dtype.kind not in "iu":
-            raise ValueError(
-                f"labels has shape {labels.shape} and type {labels.dtype}, but needs one integer "
-                f"for each of the {self.mesh.n_vertices} vertices."
-            )
+        labels = _as_labels(self.labels, self.mesh)
         missing = sorted(set(range(int(labels.max()) + 1)) - set(labels.tolist()))
         if labels.min() < 0 or missing:
             raise ValueError(
@@ -385,11 +363,8 @@ class Regions:
                 f"unused {missing[:5]}."
             )
         check_choice(self.sharing, "sharing", ("one-sided", "both", "none"))
-        if not isinstance(self.rings, (int, np.integer)) or self.rings < 1:
-            raise ValueError(
-                f"rings={self.rings!r}, but a shared band is a whole number of edges wide, 1 or "
-                "more; to share nothing, set sharing='none'."
-            )
+        what = "edges across a shared band (to share nothing, set sharing='none')"
+        check_count(self.rings, "rings", 1, None, what)
         object.__setattr__(self, "labels", labels)
         if self.held is not None:
             held, wanted = np.asarray(self.held), (self.n_regions, self.mesh.n_vertices)
@@ -530,7 +505,7 @@ class Likeness:
         ValueError
             For a mesh in several pieces or fewer than two valid frames.
         """
-        _check_motion(motion)
+        check_type(motion, "motion", MotionSequence, "MotionSequence(positions, fps, mesh)")
         motion.mesh.check_connected()
         positions = motion.positions if motion.valid.all() else motion.positions[motion.valid]
         C_bar = motion_correlation(positions)
@@ -564,8 +539,10 @@ class Likeness:
         """Cut the face into regions; parameters and result as in `segment_face`."""
         mesh, n = self.mesh, self.mesh.n_vertices
         if n_regions is not None:
-            n_regions = _check_count(n_regions, "n_regions", n)
-        max_regions = _check_count(min(max_regions, n), "max_regions", n)
+            what = f"clusters of {n} vertices"
+            n_regions = check_count(n_regions, "n_regions", 1, n, what)
+        max_regions = min(check_count(max_regions, "max_regions", 1, None, "clusters"), n)
+        n_init = check_count(n_init, "n_init", 1, None, "runs of k-means")
         check_choice(reading, "reading", ("pieces", "triangles"))
         seed = int(check_random_state(random_state).randint(2**31 - 1))
         best, tried = np.zeros(n, dtype=int), []
@@ -583,7 +560,7 @@ class Likeness:
                     break
                 best = labels
             else:
-                if not n_regions:
+                if not n_regions and tried:
                     warnings.warn(
                         f"every k up to max_regions={max_regions} is compact, so the motion sets "
                         f"no number of regions: {max_regions} are taken. Choose with n_regions.",
@@ -591,14 +568,6 @@ class Likeness:
                     )
         why = _why(tried, reading, asked=n_regions is not None)
         return Regions(best, mesh, sharing, rings, tuple(tried), why=why)
-
-
-def _check_motion(motion):
-    if not isinstance(motion, MotionSequence):
-        raise TypeError(
-            f"motion is a {type(motion).__name__}, but must be a MotionSequence: "
-            "MotionSequence(positions, fps, mesh)."
-        )
 
 
 def _holds(seen, reading):
@@ -687,57 +656,6 @@ def segment_face(
     )
 
 
-def mirror_twins(mesh, samples=None, mirror=None):
-    """For each vertex the one that takes its place in a mirror.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        A face in the head frame: its plane of symmetry is x = 0.
-    samples : array_like of int, optional
-        Vertices of the mesh to be paired among themselves; all of them if left out.
-    mirror : ndarray of int, shape (n_vertices,), optional
-        Each vertex's twin, where it is known; else the vertex nearest to the mirrored place.
-
-    Returns
-    -------
-    ndarray of int, shape (n_vertices,) or (n_samples,)
-        A sample's twin is the sample nearest, along the surface, to the twin of its vertex.
-        Several may have the same one.
-    """
-    if mirror is None:
-        mirror = cKDTree(mesh.vertices).query(mesh.vertices * [-1, 1, 1])[1]
-    mirror = np.asarray(mirror)
-    if mirror.shape != (mesh.n_vertices,):
-        raise ValueError(
-            f"mirror has shape {mirror.shape}, but needs one twin for each of the "
-            f"{mesh.n_vertices} vertices."
-        )
-    if samples is None:
-        return mirror
-    samples = as_indices(samples, "samples", mesh.n_vertices, "vertices")
-    return mesh.nearest_of(samples)[mirror[samples]]
-
-
-def symmetry(labels, twins):
-    """How far a cut is its own mirror image.
-
-    Parameters
-    ----------
-    labels : ndarray of int, shape (n_vertices,)
-    twins : ndarray of int, shape (n_vertices,)
-        From `mirror_twins`.
-
-    Returns
-    -------
-    float
-        Adjusted Rand index between the labels and the mirrored labels: 1 if they are the same
-        cut, about 0 for one that knows nothing of its mirror image.
-    """
-    labels = np.asarray(labels)
-    return float(adjusted_rand_score(labels, labels[twins]))
-
-
 def stability(
     motion,
     n_regions,
@@ -778,6 +696,7 @@ def stability(
         If a block is longer than the motion.
     """
     check_choice(over, "over", ("frames", "seeds"))
+    n_draws = check_count(n_draws, "n_draws", 1, None, "draws")
     rng = check_random_state(random_state)
     whole = Likeness.of(motion, **settings)
     frames = np.flatnonzero(motion.valid)

@@ -3,9 +3,10 @@
 import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
+from sklearn.metrics import adjusted_rand_score
 
 from facelab.deformation import bind_to_surface
-from facelab.errors import as_finite, check_choice, check_number
+from facelab.errors import as_finite, as_indices, check_choice, check_number, check_type
 from facelab.mesh import TriangleMesh
 
 MIRROR = np.diag([-1.0, 1, 1])
@@ -31,7 +32,7 @@ def mirror_partners(mesh, tolerance=None):
     partners : ndarray of int, shape (n_vertices,)
         -1 where a vertex has none.
     """
-    V = mesh.vertices
+    V = check_type(mesh, "mesh", TriangleMesh, "give a face in the head frame").vertices
     if tolerance is None:
         a, b = mesh.edges.T
         tolerance = 2 * np.median(np.linalg.norm(V[a] - V[b], axis=1))
@@ -39,12 +40,80 @@ def mirror_partners(mesh, tolerance=None):
     tree, own = cKDTree(V), np.arange(len(V))
     c = (V[:, 0].min() + V[:, 0].max()) / 2
     for _ in range(10):
-        off, nearest = tree.query(V * [-1, 1, 1] + [2 * c, 0, 0])
+        off, nearest = _nearest_to_reflected(tree, c)
         mutual = (nearest[nearest] == own) & (off <= tolerance)
         if not mutual.any():
             break
         c = (V[mutual, 0] + V[nearest[mutual], 0]).mean() / 2
     return np.where(mutual, nearest, -1)
+
+
+def _nearest_to_reflected(tree, c=0.0):
+    """Distance and index of the vertex nearest to each vertex reflected about x = c."""
+    return tree.query(tree.data * [-1, 1, 1] + [2 * c, 0, 0])
+
+
+def mirror_twins(mesh, samples=None, mirror=None):
+    """For each vertex the one that takes its place in a mirror.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        A face in the head frame: its plane of symmetry is x = 0.
+    samples : array_like of int, optional
+        Vertices of the mesh to be paired among themselves; all of them if left out.
+    mirror : ndarray of int, shape (n_vertices,), optional
+        Each vertex's twin, where it is known; else the vertex nearest to the mirrored place.
+
+    Returns
+    -------
+    ndarray of int, shape (n_vertices,) or (n_samples,)
+        A sample's twin is the sample nearest, along the surface, to the twin of its vertex.
+        Several may have the same one; `mirror_partners` pairs only those that agree.
+    """
+    check_type(mesh, "mesh", TriangleMesh, "give a face in the head frame")
+    if mirror is None:
+        mirror = _nearest_to_reflected(cKDTree(mesh.vertices))[1]
+    mirror = np.asarray(mirror)
+    if mirror.shape != (mesh.n_vertices,):
+        raise ValueError(
+            f"mirror has shape {mirror.shape}, but needs one twin for each of the "
+            f"{mesh.n_vertices} vertices."
+        )
+    if samples is None:
+        return mirror
+    samples = as_indices(samples, "samples", mesh.n_vertices, "vertices")
+    return mesh.nearest_of(samples)[mirror[samples]]
+
+
+def mirror_agreement(labels, twins):
+    """How far a cut is its own mirror image.
+
+    Parameters
+    ----------
+    labels : ndarray of int, shape (n_vertices,)
+    twins : ndarray of int, shape (n_vertices,)
+        From `mirror_twins`.
+
+    Returns
+    -------
+    float
+        Adjusted Rand index between the labels and the mirrored labels: 1 if they are the same
+        cut, about 0 for one that knows nothing of its mirror image.
+
+    Raises
+    ------
+    ValueError
+        If the twins are not one vertex for each label.
+    """
+    labels, twins = np.asarray(labels), np.asarray(twins)
+    fits = labels.ndim == 1 and twins.shape == labels.shape and twins.dtype.kind in "iu"
+    if not fits or not ((twins >= 0) & (twins < len(labels))).all():
+        raise ValueError(
+            f"labels has shape {labels.shape}, twins shape {twins.shape} and type {twins.dtype}; "
+            "give one label and the index of one twin for each vertex (mirror_twins)."
+        )
+    return float(adjusted_rand_score(labels, labels[twins]))
 
 
 def check_partners(partners, n_vertices):
@@ -80,8 +149,7 @@ def mirror_weights(mesh):
     sparse array of shape (n_vertices, n_vertices)
         Rows sum to one: barycentric weights in the triangle nearest to the mirrored vertex.
     """
-    if not isinstance(mesh, TriangleMesh):
-        raise TypeError(f"mesh is a {type(mesh).__name__}; give a TriangleMesh.")
+    check_type(mesh, "mesh", TriangleMesh, "give a face in the head frame")
     foot = bind_to_surface(mesh, mesh.vertices * [-1, 1, 1])
     n = mesh.n_vertices
     rows = np.repeat(np.arange(n), 3)

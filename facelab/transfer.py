@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_limits
 
 from facelab.blendshapes import BlendshapeRig
 from facelab.deformation import LaplacianDeformer, bind_to_surface
-from facelab.errors import as_finite, check_choice, check_index, check_number
-from facelab.expression import find_alignment
+from facelab.errors import as_finite, check_choice, check_count, check_number, check_type
+from facelab.expression_units import find_alignment, sketch_positions
 from facelab.mesh import TriangleMesh
 from facelab.motion import MotionSequence
 from facelab.registration import fit_scan
@@ -54,6 +54,8 @@ class UnitCarrier:
     """
 
     def __init__(self, source, target, method="transfer", reach=20.0):
+        for mesh, name in ((source, "source"), (target, "target")):
+            check_type(mesh, name, TriangleMesh, "give the neutral face as a mesh")
         check_choice(method, "method", METHODS)
         self.reach = check_number(reach, "reach", above=0)
         if not _alike(source, target):
@@ -201,13 +203,8 @@ class IntermediateSpace:
     """
 
     def __init__(self, source, target, method="transfer", register=None, preset="close"):
-        if not isinstance(source, BlendshapeRig):
-            raise TypeError(
-                f"source must be a BlendshapeRig, got {type(source).__name__}; of an actor, take "
-                "actor_rig(...).linear()."
-            )
-        if not isinstance(target, TriangleMesh):
-            raise TypeError(f"target must be a TriangleMesh, got {type(target).__name__}.")
+        check_type(source, "source", BlendshapeRig, "of an actor, take actor_rig(...).linear()")
+        check_type(target, "target", TriangleMesh, "give the neutral face as a mesh")
         alike = _alike(source.neutral, target)
         if register is False and not alike:
             raise ValueError("register=False, but target has other triangles; leave it out.")
@@ -269,15 +266,14 @@ class IntermediateSpace:
             V = fit_scan(self.rig.neutral, sketch, preset=self.preset).mesh.vertices
             head = find_alignment(self.rig, V)  # the landmarks alone take an open jaw for a nod
             return V @ head.rotation.T + head.shift
-        V = np.asarray(getattr(sketch, "vertices", sketch), dtype=float)
+        V = sketch_positions(sketch)
         if V.shape != self.target.vertices.shape:
             raise ValueError(
                 f"sketch has shape {V.shape}, but the target's mesh asks for "
                 f"{self.target.vertices.shape}; give a sketch of another topology as a "
                 "TriangleMesh with landmarks."
             )
-        V = self._to_head(as_finite(V, "sketch", V.shape))
-        return V if self.fit is None else self._back.carry(V)
+        return V.copy() if self.fit is None else self._back.carry(self._to_head(V))
 
     def to_target(self, vertices):
         """An expression of the template on the target's own mesh, detail kept.
@@ -294,7 +290,7 @@ class IntermediateSpace:
         """
         V = as_finite(vertices, "vertices", self.rig.neutral.vertices.shape)
         if self.fit is None:
-            return V
+            return V.copy()
         return self.fit.alignment.inverse().apply(self._forth.carry(V))
 
     def bring_to_life(self, weights, unit_sequence=None, n_frames=30, fps=30):
@@ -320,9 +316,7 @@ class IntermediateSpace:
         if isinstance(weights, dict):
             weights = self.rig.weights_of(weights)
         w = as_finite(weights, "weights", (len(self.rig.names),))
-        n_frames = check_index(n_frames, "n_frames", 100_000, "frames")
-        if n_frames < 3:
-            raise ValueError(f"n_frames={n_frames}, but onset, peak and offset need 3 or more.")
+        n_frames = check_count(n_frames, "n_frames", 3, None, "frames (onset, peak, offset)")
         moved = np.zeros((n_frames, *self.rig.neutral.vertices.shape))
         if unit_sequence is None:
             peak = min(max(round(0.4 * (n_frames - 1)), 1), n_frames - 2)
@@ -365,6 +359,7 @@ class SimplifiedRig:
     """
 
     def __init__(self, rig, n_vertices=397, anchor_weight=0.5, weights="uniform"):
+        check_type(rig, "rig", BlendshapeRig, "give units on the full mesh")
         self.samples, mesh = rig.neutral.subsample(n_vertices)
         self.rig = rig.on(self.samples, mesh)
         self._deformer = LaplacianDeformer(rig.neutral, self.samples, anchor_weight, weights)

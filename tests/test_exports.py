@@ -33,6 +33,9 @@ def take(rng, names, n_frames=40, fps=30.0, lost=()):
         ("AU1", ("browInnerUp",)),
         ("AU28", ("mouthRollLower", "mouthRollUpper")),
         ("AU30L", ("jawLeft",)),
+        ("AU30", ()),
+        ("jaw", ()),
+        ("mouth", ()),
         ("AU35", ()),
         ("AU11L", ()),
         ("mouth_L", ("mouthLeft",)),
@@ -130,6 +133,7 @@ def test_what_cannot_be_written_leaves_no_file(tmp_path, rng):
         (take(rng, ARKIT, 5, 29.97), r"fps=29.97, but a time code counts 24, 25"),
         (take(rng, ["AU35"], 5), "no unit with an ARKit name"),
         (take(rng, ARKIT, 3, lost=(0, 1, 2)), "no valid frame"),
+        (take(rng, ["AU12L", "AU35"], 0), "no valid frame"),
     ):
         with pytest.raises(ValueError, match=complaint):
             write_live_link_csv(tmp_path / "take.csv", given)
@@ -145,6 +149,11 @@ def test_what_cannot_be_written_leaves_no_file(tmp_path, rng):
         ("frame,fps,AU1\n0,30.0,0.5\n1,60.0,0.5\n", "line 3: here should be frame 1 at 30.0"),
         ("frame,fps,AU1\n0,30.0,0.5,1\n", "line 2: here should be frame 0"),
         ("frame,fps,AU1\n0,30.0,half\n", "line 2: could not convert"),
+        ("\n\n", "not a weight table"),
+        ("frame,fps,AU1\n0\n", "line 2: here should be frame 0"),
+        ("frame,fps,AU1\n0,abc,0.5\n", r"w\.csv, line 2: fps='abc' is not a number\.$"),
+        ("frame,fps,AU1\n0,-1,0.5\n", "line 2: fps='-1', but it must be more than 0"),
+        ("frame,fps,AU1\n\n0,30.0,0.5\n\n2,30.0,0.5\n", "line 5: here should be frame 1"),
         ("frame,fps,AU1,AU2\n0,30.0,nan,1\n", "line 2 holds 1 value"),
     ],
 )
@@ -152,3 +161,12 @@ def test_a_damaged_table_is_refused_with_its_line(tmp_path, text, complaint):
     (tmp_path / "w.csv").write_text(text)
     with pytest.raises(ValueError, match=complaint):
         read_weights_csv(tmp_path / "w.csv")
+
+
+def test_no_frames_stay_no_frames():
+    assert to_arkit(WeightSequence(np.empty((0, 2)), ["AU12L", "AU35"], 30)).n_frames == 0
+
+
+def test_only_a_take_goes_to_arkit():
+    with pytest.raises(TypeError, match="take is a ndarray, but must be of type WeightSequence"):
+        to_arkit(np.zeros((3, 52)))

@@ -481,7 +481,13 @@ def test_a_moving_head_is_noticed_in_a_sequence(actor):
         ({"bounds": (1, 0)}, r"lower is above the upper for AU0 \(1 > 0\)"),
         ({"bounds": {"AU3": (2, 1)}}, r"AU3 \(2 > 1\)"),
         ({"bounds": (0, np.nan)}, "bounds holds NaN"),
-        ({"bounds": (0, 1, 2)}, "3 parts"),
+        ({"bounds": (0, 1, 2)}, r"bounds=\(0, 1, 2\): give two bounds"),
+        ({"bounds": {"AU3": (0, 1, 2)}}, r"bounds\['AU3'\]=\(0, 1, 2\): give two bounds"),
+        ({"bounds": {"AU3": (0, np.ones(2))}}, r"bounds\['AU3'\] holds a bound of shape \(2,\)"),
+        ({"bounds": {"AU3": (np.nan, 1)}}, r"bounds\['AU3'\] holds NaN"),
+        ({"excluded": [5]}, "unknown unit.*5"),
+        ({"align": np.array([True, False])}, "align=array"),
+        ({"align": None}, "align=None"),
         ({"bounds": (0, np.ones(5))}, r"shape \(5,\)"),
         ({"bounds": {"AU99": (0, 1)}}, "unknown unit.*AU99"),
         ({"locked": {"AU99": 1}}, "unknown unit.*AU99"),
@@ -497,6 +503,48 @@ def test_bad_settings_are_refused_by_name(rig, sketch, given, message):
         regress_expression(rig, sketch, **given)
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"bounds": 1}, "bounds=1: give two bounds"),
+        ({"bounds": {"AU3": 0.5}}, r"bounds\['AU3'\]=0.5: give two bounds"),
+        ({"bounds": (0, "x")}, "bounds holds 'x', which is no number"),
+        ({"bounds": {"AU3": (0, "x")}}, r"bounds\['AU3'\] holds 'x', which is no number"),
+        ({"alphas": [1, [2, 3]]}, r"alphas is a list.*numbers of shape \(A,\)"),
+        ({"excluded": 5}, "excluded is a int, but must be of type Iterable; give names"),
+        (
+            {"locked": ["AU1"]},
+            "locked is a list, but must be of type Mapping; give a weight by name",
+        ),
+    ],
+)
+def test_settings_of_another_kind_are_refused_by_name(rig, sketch, given, message):
+    with pytest.raises(TypeError, match=message):
+        regress_expression(rig, sketch, **given)
+
+
+@pytest.mark.parametrize("alphas", [2, np.array(2), (a for a in [2]), np.array([2.0])])
+def test_alphas_may_be_one_number_or_any_row_of_them(rig, sketch, alphas):
+    np.testing.assert_array_equal(regress_expression(rig, sketch, alphas=alphas).alphas, [2.0])
+
+
+def test_bounds_may_be_an_array_and_infinity_is_no_bound(rig, sketch):
+    plain = regress_expression(rig, sketch, bounds=(0, 1))
+    pair = regress_expression(rig, sketch, bounds=np.array([0, 1]))
+    np.testing.assert_array_equal(pair.weights, plain.weights)
+    for none in (None, (None, None), (-np.inf, np.inf), dict.fromkeys(rig.names, (None, np.inf))):
+        fit = regress_expression(rig, sketch, alphas=[0], bounds=none)
+        assert np.isneginf(fit.lo).all() and np.isposinf(fit.hi).all()
+
+
+@pytest.mark.parametrize("no", [0, np.False_])
+def test_whatever_equals_false_takes_no_motion_out(rig, sketch, no):
+    moved = sketch + [0, 0, 5.0]
+    fit = regress_expression(rig, moved, align=no)
+    assert fit.alignment is None
+    np.testing.assert_allclose(fit.displacement, moved - rig.neutral.vertices, atol=1e-12)
+
+
 def test_bad_sketches_and_kinds_are_refused(rig, sketch):
     spoilt = sketch.copy()
     spoilt[5, 1] = np.nan
@@ -506,7 +554,7 @@ def test_bad_sketches_and_kinds_are_refused(rig, sketch):
         regress_expression(rig, sketch[1:])
     with pytest.raises(TypeError, match="BlendshapeRig"):
         regress_expression(sketch, sketch)
-    with pytest.raises(TypeError, match="bounds=1"):
-        regress_expression(rig, sketch, bounds=1)
+    with pytest.raises(TypeError, match=r"sketch is a str.*shape \(n_vertices, 3\)"):
+        regress_expression(rig, "abc")
     with pytest.raises(TypeError, match="MotionSequence"):
         regress_sequence(rig, sketch)

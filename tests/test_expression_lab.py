@@ -275,6 +275,79 @@ def test_the_expression_is_shown_on_another_face_too(lab):
     assert len(lab._views.children) == 2
 
 
+def test_a_face_that_lacks_a_unit_in_use_is_refused_with_a_message_and_the_lab_goes_on(lab, rig):
+    fewer = BlendshapeRig(rig.neutral, NAMES[:3], rig.deltas[:3])
+    lab.others["fewer"] = fewer, ()
+    lab.other.options = [*lab.other.options, "fewer"]
+    lab.other.value = "bare"
+    lab.other.value = "fewer"
+    assert "face lacks AU35" in lab._message.value
+    assert lab.other.value == "" and len(lab._views.children) == 2
+    lab.curve.place = 5
+    assert lab._message.value == "" and shows_the_session(lab)
+
+
+def test_another_face_that_cannot_follow_any_more_is_told_in_a_note(lab, rig):
+    lab.others["fewer"] = BlendshapeRig(rig.neutral, NAMES[:3], rig.deltas[:3]), ()
+    lab.other.options = [*lab.other.options, "fewer"]
+    for name in NAMES[3:]:
+        edit(lab, "exclude", name)
+    lab.other.value = "fewer"
+    assert len(lab._views.children) == 3 and "fewer" not in lab._status.value
+    before = on(lab._other_view)
+    edit(lab, "weight", "AU35", 0.5)
+    assert "fewer is as it was: face lacks AU35" in lab._status.value
+    assert lab._message.value == "" and shows_the_session(lab)
+    np.testing.assert_array_equal(on(lab._other_view), before)
+    edit(lab, "exclude", "AU35")
+    assert "fewer" not in lab._status.value
+
+
+def test_controls_still_edit_after_an_error_while_they_were_set(lab, monkeypatch):
+    def boom(*_):
+        raise ValueError("a planted mishap")
+
+    for broken in ("_pins", "_place_of"):
+        monkeypatch.setattr(lab, broken, boom)
+        with pytest.raises(ValueError, match="mishap"):
+            lab.refresh()
+        monkeypatch.undo()
+        assert not lab._settling
+
+
+def test_an_uploaded_file_is_known_by_its_name_alone(lab, rig, tmp_path):
+    write_obj(tmp_path / "mine.obj", rig.neutral)
+    file = {"name": "../there/mine.obj", "content": (tmp_path / "mine.obj").read_bytes()}
+    file |= {"type": "", "size": 1, "last_modified": datetime.now()}
+    lab.upload.set_trait("value", (file,))
+    assert lab._message.value == "" and lab.source.value == "mine.obj"
+
+
+def test_two_labs_on_one_session_stay_in_step(lab):
+    other = ExpressionLab(lab.session)
+    edit(lab, "exclude", "AU4")
+    assert other.bars.states[1] == "excluded" and shows_the_session(other)
+    other.lam.value = 0.05
+    assert lab.lam.value == 0.05 and shows_the_session(lab)
+    drag(lab, 40, [0.0, 0, 8])
+    let_go(lab)
+    assert other.source.value == "pulled by hand" and shows_the_session(other)
+    lab.undo.click()
+    assert shows_the_session(other) and not other.redo.disabled
+    lab.session.set(bounds="free", alpha=3)
+    for one in (lab, other):
+        assert one.bounds.value == "free" and shows_the_session(one)
+
+
+def test_a_lab_shows_what_it_does_itself_once(lab, monkeypatch):
+    shown = []
+    monkeypatch.setattr(lab, "refresh", lambda: shown.append("all"))
+    monkeypatch.setattr(lab, "_show_answer", lambda: shown.append("answer"))
+    lab.curve.place = 5
+    lab.undo.click()
+    assert shown == ["answer", "all"]
+
+
 def test_results_are_saved_where_the_folder_is_and_what_is_lost_is_said(lab, tmp_path):
     lab.save.click()
     assert "expression.csv" in lab._message.value

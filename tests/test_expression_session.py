@@ -309,6 +309,9 @@ def test_the_expression_goes_to_a_mesh_of_another_place_through_an_intermediate_
         (lambda s: s.load(np.full((162, 3), np.nan)), ValueError, "sketch holds 486 value"),
         (lambda s: s.load(np.zeros((7, 3))), ValueError, r"sketch has shape \(7, 3\)"),
         (lambda s: s.load(s.sketch / 10), ValueError, "times the size"),
+        (lambda s: s.load("abc"), TypeError, r"sketch is a str.*shape \(n_vertices, 3\)"),
+        (lambda s: s.load(s), TypeError, "sketch is a ExpressionSession"),
+        (lambda s: s.on(s.sketch), TypeError, "face is a ndarray.*BlendshapeRig or Intermediate"),
         (lambda s: s.load_file("nowhere.obj"), FileNotFoundError, "no such OBJ"),
         (lambda s: s.load_frame(s.sketch, 0), TypeError, "motion is a ndarray"),
         (lambda s: s.set(alpha=101), ValueError, "alpha=101"),
@@ -348,3 +351,45 @@ def test_a_unit_that_moves_nothing_cannot_be_locked():
         session = ExpressionSession(BlendshapeRig(rig.neutral, rig.names, deltas))
     with pytest.raises(ValueError, match="AU2' moves nothing of its own"):
         session.lock("AU2", 1)
+
+
+def test_what_changes_nothing_is_no_step_and_no_news(session):
+    news = []
+    session.exclude("AU3")
+    session.lock("AU1", 0.5)
+    session.set(alpha=2)
+    session.observe(news.append)
+    before = session.state
+    session.exclude("AU3")
+    session.lock("AU1", 0.5)
+    session.set(alpha=2, lam=before.lam)
+    session.load(before.sketch, before.origin)
+    assert session.state is before and not news
+    session.release()
+    freed = session.state
+    session.release()
+    assert session.state is freed and news == ["step"]
+
+
+def test_those_who_watch_hear_of_every_change_once(session):
+    news = []
+    session.observe(news.append)
+    session.set(alpha=1)
+    session.set(alpha=2)
+    session.lock("AU1", 0.5)
+    session.undo()
+    session.redo()
+    session.load(session.basis.rig.neutral)
+    assert news == ["step", "move", "step", "step", "step", "step"]
+    with pytest.raises(ValueError, match="lam=-1"):
+        session.set(lam=-1)
+    while session.undo():
+        pass
+    assert len(news) == 6 + 3
+
+
+def test_a_pose_file_says_what_to_do_about_weights_that_it_cannot_hold(session, tmp_path):
+    session.lock("AU1", 1.5)
+    with pytest.raises(ValueError, match=r"0 to 1.*choose bounds='0 to 1'.*save as \.csv"):
+        session.save(tmp_path / "pose.json")
+    assert not list(tmp_path.iterdir())

@@ -256,6 +256,19 @@ def test_what_cannot_be_written_is_refused_and_nothing_is_written(path, argument
     assert not path.exists()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (lambda path: (path, np.zeros((12, 3))), "mesh is a ndarray; give a TriangleMesh"),
+        (lambda path: (None, grid_mesh(4, 3)), "path is a NoneType; give a str or a Path"),
+    ],
+)
+def test_what_is_no_mesh_or_no_path_is_called_so(path, arguments, message):
+    with pytest.raises(TypeError, match=message):
+        write_glb(*arguments(path))
+    assert not path.exists()
+
+
 def test_the_other_programs_see_metres(path, face):
     write_glb(path, face)
     at = Reader(path).json["accessors"][0]

@@ -6,6 +6,7 @@ from planted import corner_regions
 from shapes import grid_mesh
 
 from facelab.blendshapes import BlendshapeRig
+from facelab.gltf import write_clip_glb
 from facelab.mesh import TriangleMesh
 from facelab.models import HolisticModel, RegionModel
 from facelab.poses import (
@@ -139,7 +140,7 @@ def changed_state(path, **entries):
 
 PIN = {"vertex": 3, "displacement": [0, 0, 1], "weight": 1, "locked": False}
 SPOILED = {
-    "empty": (lambda p: p.write_text(""), "damaged or no JSON"),
+    "empty": (lambda p: p.write_text(""), "is empty; export the pose file again"),
     "cut": (lambda p: p.write_text(p.read_text()[:-40]), "damaged or no JSON"),
     "binary": (lambda p: p.write_bytes(b"\xff\xfe\0\1"), "damaged or no JSON"),
     "a list": (lambda p: p.write_text("[1, 2]"), "not a pose file"),
@@ -152,7 +153,7 @@ SPOILED = {
     "gamma": (lambda p: changed_state(p, gamma=0), "gamma=0"),
     "limit": (lambda p: changed_state(p, limit=-1), "limit=-1"),
     "too short": (lambda p: changed_state(p, coefficients=[0.0]), r"coefficients has shape \(1,\)"),
-    "text": (lambda p: changed_state(p, c_0=["x"] * 20), "could not convert"),
+    "text": (lambda p: changed_state(p, c_0=["x"] * 20), "c_0 is a list that makes"),
     "NaN": (lambda p: changed_state(p, molded=[float("nan")] * 20), "NaN"),
     "vertex": (lambda p: changed_state(p, pins=[{**PIN, "vertex": 42}]), "vertex=42"),
     "half a pin": (lambda p: changed_state(p, pins=[{"vertex": 3}]), "missing or misshapen"),
@@ -178,6 +179,34 @@ def test_a_spoiled_file_is_refused_by_name_and_nothing_changes(session, path, na
 def test_a_missing_file_is_called_missing(session, path):
     with pytest.raises(FileNotFoundError, match="there is no such pose file"):
         load_pose(path, session)
+
+
+@pytest.mark.parametrize("call", [save_pose, load_pose], ids=["save", "load"])
+def test_what_is_no_path_is_called_so(session, call):
+    with pytest.raises(TypeError, match="path is a NoneType; give a str or a Path"):
+        call(None, session)
+
+
+def test_a_pose_with_a_limit_is_refused_by_a_model_that_knows_no_variances(path):
+    regions, bases = corner_regions(), np.random.default_rng(0).normal(size=(6, 42, 3))
+    given = fresh(RegionModel.from_bases(regions, np.zeros(126), bases))
+    save_pose(path, given)
+    changed_state(path, limit=3)
+    with pytest.raises(ValueError, match="knows none") as caught:
+        load_pose(path, given)
+    assert str(path) in str(caught.value) and given.n_undo == 0
+    assert given.set(beta=2.0) is None and given.beta == 2
+
+
+@pytest.mark.parametrize("weight", [-0.5, 1.5])
+def test_a_pose_of_a_rig_beyond_its_weights_is_refused(rng, path, weight):
+    mesh = corner_regions().mesh
+    session = fresh(BlendshapeRig(mesh, ["a", "b", "c"], rng.normal(size=(3, 42, 3))))
+    save_pose(path, session)
+    changed_state(path, coefficients=[0, weight, 0])
+    with pytest.raises(ValueError, match="weights of a rig lie between 0 and 1"):
+        load_pose(path, session)
+    assert session.n_undo == 0
 
 
 @pytest.mark.parametrize(
@@ -321,6 +350,104 @@ def test_an_entry_that_cannot_be_done_is_named(session, entry):
         replay([{"t": 0, **entry}], session)
 
 
+FAILING_LOGS = {
+    "outside a group": [{"do": "mold", "region": 0, "component": 0, "value": 1}, {"do": "fly"}],
+    "inside a group": [
+        {"do": "group", "key": None},
+        {"do": "mold", "region": 0, "component": 0, "value": 1},
+        {"do": "fly"},
+        {"do": "end"},
+    ],
+    "symmetric": [{"do": "symmetric", "on": True}, {"do": "fly"}],
+    "further back": [{"do": "undo"}, {"do": "keep"}, {"do": "fly"}],
+    "never ended": [
+        {"do": "keep"},
+        {"do": "group", "key": None},
+        {"do": "mold", "region": 0, "component": 0, "value": 1},
+    ],
+    "ended twice": [{"do": "group", "key": "a"}, {"do": "end"}, {"do": "end"}],
+    "nested": [{"do": "group", "key": "a"}, {"do": "group", "key": "a"}],
+}
+
+
+@pytest.mark.parametrize("name", FAILING_LOGS)
+def test_a_log_that_fails_leaves_the_session_as_it_was_and_usable(session, name):
+    edited(session)
+    session.undo()
+    before = (session.state, session.n_undo, session.n_redo, session.symmetric, list(session.log))
+    heard = []
+    session.observe(heard.append)
+    with pytest.raises(ValueError, match="log") as caught:
+        replay(FAILING_LOGS[name], session)
+    after = (session.state, session.n_undo, session.n_redo, session.symmetric, list(session.log))
+    assert after == before and caught.value is not None  # while the error is still alive
+    assert heard == [] or heard[-1] == "step"
+    assert session.redo() and session.undo()  # no group is left open
+
+
+@pytest.mark.parametrize(
+    ("log", "error", "message"),
+    [
+        (
+            [{"do": "symmetric"}],
+            ValueError,
+            r"log\[0\] \('symmetric'\) .* its entry 'on' is missing",
+        ),
+        ([{"do": "use"}], ValueError, "its entry 'model' is missing"),
+        ([{}], ValueError, r"log\[0\] .* its entry 'do' is missing"),
+        (["x"], ValueError, r"log\[0\] \('x'\) cannot be done: it is no dict"),
+        ([None], ValueError, "it is no dict"),
+        ([{"do": []}], ValueError, r"log\[0\] \(\[\]\) cannot be done"),
+        ([{"do": "end"}], ValueError, "no group is open"),
+        (FAILING_LOGS["never ended"], ValueError, "log ends inside a group"),
+        (FAILING_LOGS["inside a group"], ValueError, r"log\[2\] \('fly'\) cannot be done: no such"),
+        ("pose.json", TypeError, "log is a str; give a list of entries"),
+        (None, TypeError, "log is a NoneType"),
+    ],
+)
+def test_a_log_that_cannot_be_replayed_says_where_and_why(session, log, error, message):
+    with pytest.raises(error, match=message):
+        replay(log, session)
+
+
+def test_a_session_can_replay_its_own_log(session):
+    session.set(beta=2.0)
+    session.set(beta=1.0)
+    assert len(replay(session.log, session).log) == 4
+
+
+def test_a_pose_is_not_saved_inside_a_group(session, path):
+    with pytest.raises(RuntimeError, match="saving belong outside"), session.group():
+        save_pose(path, session)
+    assert not path.exists()
+
+
+def test_the_log_shares_nothing_with_the_caller_and_is_json_whatever_was_given(session, path):
+    rest = session.neutral.vertices
+    target = rest[3] + [1.0, 0, 0]
+    session.drag(3, target)
+    target += 100
+    session.release()
+    given = [float(x) for x in rest[8] + 1]
+    session.set_pin(8, given)
+    given[0] = 99.0
+    single = np.float32(rest[20]) + np.float32(1)
+    session.set_pin(20, [*single], weight=np.float32(2), locked=np.bool_(True))
+    session.set_pin(np.int64(21), tuple(single))
+    session.set(gamma=np.float64(0.5), limit=np.float32(3))
+    session.apply([np.float32(0.5)] * 20)
+    while session.undo():
+        pass
+    while session.redo():
+        pass
+    save_pose(path, session)
+    entries = [entry for entry in read_log(path) if entry["do"] in ("pull", "set_pin")]
+    np.testing.assert_array_equal(entries[0]["target"], rest[3] + [1.0, 0, 0])
+    np.testing.assert_array_equal(entries[1]["target"], rest[8] + 1)
+    assert entries[2]["weight"] == 2 and entries[2]["locked"] is True
+    assert_same_pose(replay(read_log(path), fresh(session.model)), session)
+
+
 # --- clips ----------------------------------------------------------------------------------------
 
 
@@ -444,7 +571,7 @@ def test_a_clip_comes_back_from_its_file(session, clip, path):
     ("entries", "message"),
     [
         ({"times": [0, 0, 1]}, "must ascend"),
-        ({"poses": [[0.0]] * 3}, "poses has shape"),
+        ({"poses": [[0.0]] * 3}, "clip has 1 coefficients in each pose, .* has 20"),
         ({"names": None, "version": 7}, "newer"),
         ({"easing": 4}, "easing=4"),
         ({"model": None}, "damaged"),
@@ -455,6 +582,38 @@ def test_a_spoiled_clip_is_refused(session, clip, path, entries, message):
     changed(path, **entries)
     with pytest.raises(ValueError, match=message):
         load_clip(path, session)
+
+
+def test_a_clip_of_a_model_the_session_had_before_is_refused_too(session, clip, path):
+    save_clip(path, clip, session)
+    session.use(trained(seed=9))
+    with pytest.raises(ValueError, match="another model: its numbers are others; use that model"):
+        load_clip(path, session)
+    session.undo()
+    np.testing.assert_array_equal(load_clip(path, session).poses, clip.poses)
+
+
+def test_a_clip_that_the_model_cannot_have_is_not_written(session, clip, path):
+    session.use(trained(n_components=4))
+    for write in (save_clip, write_clip_glb):
+        with pytest.raises(
+            ValueError, match=r"clip has 20 coefficients .* the session's model has"
+        ):
+            write(path, clip, session)
+        with pytest.raises(TypeError, match="clip is a list; give a Clip"):
+            write(path, [1, 2], session)
+    assert not path.exists()
+
+
+def test_a_clip_is_not_changed_through_the_arrays_it_was_made_of(clip):
+    times, poses = np.array([0.0, 1]), np.zeros((2, 3))
+    made = Clip(times, poses)
+    times += 5
+    poses += 5
+    np.testing.assert_array_equal(made.times, [0, 1])
+    np.testing.assert_array_equal(made.poses, np.zeros((2, 3)))
+    with pytest.raises(ValueError, match="read-only"):
+        made.poses[0] = 1
 
 
 def test_a_clip_of_another_model_is_refused(session, clip, path):

@@ -1,4 +1,5 @@
 import weakref
+from dataclasses import replace
 
 import literal
 import numpy as np
@@ -9,11 +10,19 @@ from scipy.spatial import Delaunay
 from shapes import grid_mesh
 from sklearn.decomposition import PCA
 
+from facelab.blendshapes import BlendshapeRig
 from facelab.deformation import bind
 from facelab.mesh import TriangleMesh
 from facelab.models import HolisticModel, RegionModel
 from facelab.motion import MotionSequence
-from facelab.posing import REFERENCE_VERTICES, STIFFNESS, PoseSolver, PosingSession, mirror_partners
+from facelab.posing import (
+    REFERENCE_VERTICES,
+    STIFFNESS,
+    PoseSolver,
+    PoseState,
+    PosingSession,
+    mirror_partners,
+)
 from facelab.segmentation import Regions
 
 
@@ -193,12 +202,13 @@ def test_without_pins_and_without_gaps_nothing_moves(rng, model):
     assert (PoseSolver(model).solve({}) == 0).all()
 
 
-def test_the_sensitivity_is_the_slope_of_the_solution(rng, model, regions):
+def test_the_slope_of_a_problem_is_that_of_its_solution(rng, model, regions):
     for shared_pins in ("blended", "copies"):
         solver = PoseSolver(model, shared_pins=shared_pins)
         pins = {3: rng.normal(size=3), int(held_by(regions, 3)[0]): rng.normal(size=3)}
-        for moving in pins:
-            slope = solver.sensitivity(list(pins), moving)
+        problem = solver.problem(list(pins))
+        for k, moving in enumerate(pins):
+            slope = problem.slope(k)
             for axis in range(3):
                 further = {**pins, moving: pins[moving] + np.eye(3)[axis]}
                 change = solver.solve(further) - solver.solve(pins)
@@ -643,6 +653,10 @@ def test_a_session_refuses_parts_that_do_not_belong_together(rng, model, grid):
         PosingSession(model, grid, binding=bind(grid_mesh(7, 6), [0, 5, 30]))
     with pytest.raises(TypeError, match="RegionModel"):
         PosingSession("model", grid)
+    with pytest.raises(TypeError, match="neutral is a ndarray; give a TriangleMesh"):
+        PosingSession(model, np.zeros((42, 3)))
+    with pytest.raises(TypeError, match="binding is a str; give the LinearBinding"):
+        PosingSession(model, grid, binding="x")
 
 
 # --- a dense face bound to the control vertices ---------------------------------------------------
@@ -1387,6 +1401,28 @@ def test_a_hundred_contradicting_pins_solve_without_a_word(rng, bound, limit, ga
         np.testing.assert_allclose(bound.coefficients, np.linalg.lstsq(A, b)[0], atol=1e-6)
 
 
+@pytest.fixture
+def rigged(rng, regions):
+    return PosingSession(
+        BlendshapeRig(regions.mesh, "abc", rng.normal(size=(3, 42, 3))), regions.mesh
+    )
+
+
+def test_a_rig_refuses_a_limit_and_shows_none(rigged, session):
+    with pytest.raises(ValueError, match=r"limit=3 counts standard deviations, but .* a rig"):
+        PosingSession(rigged.model, rigged.neutral, limit=3)
+    with pytest.raises(ValueError, match="limit=2 counts"):
+        rigged.set(limit=2)
+    assert rigged.limit is None and rigged.n_undo == 0
+    region = session.model
+    session.set(limit=2.5)
+    session.use(rigged.model)
+    assert session.limit is None
+    session.set(gamma=0.1)
+    session.use(region)
+    assert session.limit == 2.5
+
+
 # --- undo: groups and no-ops ----------------------------------------------------------------------
 
 
@@ -1413,6 +1449,28 @@ def test_an_error_in_a_group_takes_all_of_it_back(session):
         session.set(beta=-1)
     assert_same_story(session, before)
     assert session.log == log
+
+
+def test_an_error_in_a_group_takes_symmetry_back(session):
+    with pytest.raises(ValueError, match="beta=-1"), session.group():
+        session.symmetric = True
+        session.set(beta=-1)
+    assert not session.symmetric and session.log == []
+
+
+@pytest.mark.parametrize("n_groups", [1, 3])
+def test_groups_that_change_nothing_in_the_end_leave_what_can_be_redone(session, n_groups):
+    pull(session, 20, [2.0, 1, 0])
+    after = session.state
+    session.undo()
+    values = [0.3, 0.0] if n_groups == 1 else [[0.3], [0.5], [0.0]]
+    for group in [values] if n_groups == 1 else values:
+        with session.group("slider"):
+            for value in group:
+                session.mold(0, 0, value)
+    assert (session.n_undo, session.n_redo) == (0, 1)
+    session.redo()
+    assert session.state is after
 
 
 def test_groups_of_one_key_are_one_step_until_something_comes_between(session):
@@ -1500,6 +1558,22 @@ def test_observers_hear_of_every_change_once(session, regions):
     assert heard == ["step"] * 5 and session.n_undo == 3
 
 
+def test_what_an_observer_does_wrong_is_a_warning_and_the_edit_stands(session):
+    heard = []
+
+    def clumsy(what):
+        raise KeyError("nowhere")
+
+    session.observe(clumsy)
+    session.observe(heard.append)
+    with pytest.warns(
+        RuntimeWarning, match="the change stands.*clumsy failed.*KeyError: 'nowhere'"
+    ):
+        session.set(beta=2.0)
+    assert heard == ["step"]
+    assert session.beta == 2 and len(session.log) == 1
+
+
 def test_an_observer_that_is_gone_is_not_kept_alive(session):
     class View:
         def __init__(self):
@@ -1543,6 +1617,60 @@ def test_a_state_restored_brings_back_pins_and_weights(session):
     assert (session.pin_weights, session.locked, session.beta) == ({3: 3.0}, {3}, 0.5)
     with pytest.raises(TypeError, match="state is a dict"):
         session.restore({})
+
+
+def broken_states(state):
+    """States that would break a session, and what it should say."""
+    pinned = {"pins": {3: np.ones(3)}}
+    return {
+        "pin beyond": (replace(state, pins={42: np.ones(3)}), "vertex=42"),
+        "flat pin": (replace(state, pins={3: np.ones(2)}), "displacement of pin 3 has shape"),
+        "lost pin": (replace(state, pins={3: [np.nan, 0, 0]}), "displacement of pin 3 holds"),
+        "weightless": (replace(state, **pinned, weights={3: 0}), "weight of pin 3=0"),
+        "lock": (replace(state, locked=frozenset({5})), r"locks or weights \[5\]"),
+        "beta": (replace(state, beta=-1.0), "beta=-1"),
+        "gamma": (replace(state, gamma=0.0), "gamma=0"),
+        "limit": (replace(state, limit=-2.0), "limit=-2"),
+        "c_0": (replace(state, c_0=np.zeros(3)), r"c_0 has shape \(3,\)"),
+        "molded": (replace(state, molded=np.full(20, np.inf)), "molded holds"),
+        "answer": (replace(state, coefficients=np.zeros(19)), "coefficients has shape"),
+    }
+
+
+@pytest.mark.parametrize("name", broken_states(PoseState(None, {}, 1, 1, 0, 0, 0)))
+def test_a_state_that_would_break_the_session_is_refused(session, regions, name):
+    session.drag(20, regions.mesh.vertices[20] + [0.0, 3, 0])
+    before = story(session)
+    state, message = broken_states(session.state)[name]
+    with pytest.raises(ValueError, match=message):
+        session.restore(state)
+    assert_same_story(session, before)
+
+
+def test_a_state_beyond_what_its_model_can_is_refused(rigged, rng, regions):
+    with pytest.raises(ValueError, match="weights of a rig lie between 0 and 1"):
+        rigged.restore(replace(rigged.state, coefficients=np.array([0, 0, 1.5])))
+    with pytest.raises(ValueError, match="beta=-1"):
+        rigged.restore(replace(rigged.state, beta=-1.0))
+    bases = rng.normal(size=(6, 42, 3))
+    given = PosingSession(RegionModel.from_bases(regions, np.zeros(126), bases), regions.mesh)
+    with pytest.raises(ValueError, match="knows none"):
+        given.restore(replace(given.state, limit=3.0))
+    assert rigged.n_undo == given.n_undo == 0
+
+
+def test_a_state_shares_no_arrays_with_anybody(session, rng):
+    c, t = rng.normal(size=20), np.ones(3)
+    state = PoseState(session.model, {3: t}, 0.5, 0.025, c, c, c)
+    kept = c.copy()
+    c += 1
+    t += 1
+    np.testing.assert_array_equal(state.c_0, kept)
+    np.testing.assert_array_equal(state.pins[3], np.ones(3))
+    pull(session, 3, [1.0, 0, 0])
+    for array in (session.state.c_0, session.state.coefficients, session.state.pins[3]):
+        with pytest.raises(ValueError, match="read-only"):
+            array += 1
 
 
 def test_coefficients_that_cannot_be_are_refused(session):

@@ -80,10 +80,21 @@ def test_it_may_start_from_another_face_which_stays_as_it_was(sculpt):
     np.testing.assert_allclose(other.vertices[3], start[3] + [0, 5, 0])
 
 
+def test_a_target_given_is_not_held_by_reference(sculpt):
+    target = sculpt.vertices[60] + [0, 0, 3]
+    sculpt.drag(60, target)
+    before = sculpt.vertices
+    target += 100
+    sculpt.pins[60][:] = 0
+    np.testing.assert_array_equal(sculpt.vertices, before)
+
+
 def test_what_makes_no_sense_is_refused_and_the_face_stays(sculpt):
     rest = sculpt.vertices
     with pytest.raises(ValueError, match="radius=0, but it must be more than 0"):
         Sculpt(sculpt.mesh, radius=0)
+    with pytest.raises(TypeError, match="mesh is a ndarray; give a TriangleMesh"):
+        Sculpt(rest)
     with pytest.raises(ValueError, match="vertices has shape"):
         Sculpt(sculpt.mesh, rest[:-1])
     with pytest.raises(ValueError, match="vertex=441, but there are 441 vertices"):

@@ -1,5 +1,6 @@
 import dataclasses
 import math
+import warnings
 
 import literal
 import numpy as np
@@ -17,15 +18,12 @@ from facelab.segmentation import (
     Regions,
     affinity,
     compactness,
-    mirror_twins,
     motion_correlation,
     nearness,
     renumbered,
     segment_face,
-    spectral_clusters,
     spectral_embedding,
     stability,
-    symmetry,
 )
 
 
@@ -158,6 +156,19 @@ def test_affinity_does_not_write_on_what_it_is_given(rng, bumpy):
     np.testing.assert_array_equal(G, before[1])
 
 
+def test_affinity_refuses_a_correlation_that_is_no_number():
+    C_bar = np.eye(3)
+    C_bar[1, 2] = np.nan
+    with pytest.raises(ValueError, match=r"C_bar holds 1 value.*index \(1, 2\)"):
+        affinity(C_bar, np.zeros((3, 3)))
+
+
+def test_compactness_needs_a_label_for_each_vertex(grid):
+    for labels in (np.zeros(29, dtype=int), np.zeros(31, dtype=int), np.zeros(30)):
+        with pytest.raises(ValueError, match="one integer for each of the 30"):
+            compactness(labels, grid)
+
+
 def test_affinity_refuses_matrices_of_two_sizes():
     with pytest.raises(ValueError, match="must agree"):
         affinity(np.eye(3), np.zeros((4, 4)))
@@ -207,17 +218,24 @@ def test_a_vertex_without_any_affinity_does_not_spoil_the_others(rng):
     assert np.isfinite(spectral_embedding(A, 3)).all()
 
 
-@pytest.mark.parametrize("sizes", [(5, 5), (2, 9, 4), (3, 3, 3, 3, 12)])
+def clusters(A, k):
+    """What segmentation makes of an affinity: λ = 1 and no threshold let it through as it is."""
+    mesh = grid_mesh(5, len(A) // 5, 8.0)
+    likeness = Likeness(mesh, A, np.zeros(A.shape), lam=1.0, threshold=0.0)
+    return likeness.segment(k, random_state=0, progress=False).labels
+
+
+@pytest.mark.parametrize("sizes", [(5, 5), (2, 9, 4), (3, 3, 3, 3, 13)])
 def test_planted_blocks_are_found_exactly(rng, sizes):
     truth = np.repeat(np.arange(len(sizes)), sizes)
     truth = truth[rng.permutation(len(truth))]
     A = np.where(truth[:, None] == truth, 0.8, 0.02) + rng.uniform(0, 0.02, size=(len(truth),) * 2)
-    labels = spectral_clusters((A + A.T) / 2, len(sizes), random_state=0)
+    labels = clusters((A + A.T) / 2, len(sizes))
     assert as_sets(labels) == as_sets(truth)
 
 
 def test_clusters_are_numbered_by_their_first_vertex(rng):
-    labels = spectral_clusters(random_affinity(rng, 30), 6, random_state=3)
+    labels = clusters(random_affinity(rng, 30), 6)
     firsts = [np.flatnonzero(labels == i)[0] for i in range(6)]
     assert firsts == sorted(firsts)
     assert labels[0] == 0
@@ -226,7 +244,7 @@ def test_clusters_are_numbered_by_their_first_vertex(rng):
 def test_clusters_are_the_best_of_many_runs_of_k_means(rng):
     A = random_affinity(rng, 40)
     Y = spectral_embedding(A, 7)
-    labels = spectral_clusters(A, 7, n_init=20, random_state=1)
+    labels = clusters(A, 7)
     spread = sum(np.sum((Y[labels == i] - Y[labels == i].mean(axis=0)) ** 2) for i in range(7))
     single = [KMeans(7, n_init=1, random_state=s).fit(Y).inertia_ for s in range(20)]
     assert spread <= np.median(single)
@@ -234,14 +252,16 @@ def test_clusters_are_the_best_of_many_runs_of_k_means(rng):
 
 @pytest.mark.parametrize("k", [0, -1, 5])
 def test_too_few_or_too_many_clusters_are_refused(k):
-    with pytest.raises(ValueError, match=f"k={k}, but 4 vertices allow 1 to 4"):
-        spectral_clusters(np.ones((4, 4)), k)
+    with pytest.raises(
+        ValueError, match=f"k={k}, but the number of clusters of 4 vertices must be 1 to 4"
+    ):
+        spectral_embedding(np.ones((4, 4)), k)
 
 
 @pytest.mark.parametrize("k", [2.5, "3", True, None])
 def test_a_number_of_clusters_that_is_no_integer_is_refused(k):
     with pytest.raises(TypeError, match=f"k={k!r} is not an integer"):
-        spectral_clusters(np.ones((4, 4)), k)
+        spectral_embedding(np.ones((4, 4)), k)
 
 
 @pytest.mark.parametrize("k", [2, 3, 6])
@@ -415,7 +435,6 @@ def test_regions_print_their_number_and_share():
         ({"labels": np.arange(30) - 1}, "smallest -1"),
         ({"sharing": "some"}, "sharing='some'"),
         ({"rings": 0}, "rings=0"),
-        ({"rings": 1.5}, "rings=1.5, but a shared band is a whole number"),
         ({"held": np.zeros((1, 30), dtype=bool)}, "held"),
         ({"held": np.ones((2, 30), dtype=bool)}, "held has shape"),
     ],
@@ -600,8 +619,12 @@ def test_sharing_is_passed_on(rng):
         ({"lam": 2}, "lam=2"),
         ({"r": 0}, "r=0"),
         ({"threshold": -1}, "threshold=-1"),
-        ({"n_regions": 0}, "n_regions=0, but 24 vertices allow 1 to 24"),
-        ({"n_regions": 1000}, "n_regions=1000, but 24 vertices"),
+        (
+            {"n_regions": 0},
+            "n_regions=0, but the number of clusters of 24 vertices must be 1 to 24",
+        ),
+        ({"n_regions": 1000}, "n_regions=1000, but the number of clusters of 24 vertices"),
+        ({"n_init": 0}, "n_init=0, but the number of runs of k-means must be 1 or more"),
         ({"max_regions": 0}, "max_regions=0"),
         ({"reading": "words"}, "reading='words'"),
         ({"rings": -1, "n_regions": 2}, "rings=-1"),
@@ -614,11 +637,21 @@ def test_segmentation_names_the_parameter_out_of_range(rng, bad, message):
         quick(patch_motion(mesh, truth, rng, n_frames=10), **bad)
 
 
-@pytest.mark.parametrize("n_regions", [2.5, "4", True])
-def test_a_number_of_regions_that_is_no_integer_is_refused(rng, n_regions):
+@pytest.mark.parametrize("count", [2.5, "4", True])
+@pytest.mark.parametrize("name", ["n_regions", "max_regions", "n_init", "rings"])
+def test_a_count_that_is_no_integer_is_refused(rng, name, count):
     mesh, truth = quarters(6, 4)
-    with pytest.raises(TypeError, match=f"n_regions={n_regions!r} is not an integer"):
-        quick(patch_motion(mesh, truth, rng, n_frames=10), n_regions=n_regions)
+    settings = {"n_regions": 2, name: count}
+    with pytest.raises(TypeError, match=f"{name}={count!r} is not an integer"):
+        quick(patch_motion(mesh, truth, rng, n_frames=10), **settings)
+
+
+def test_at_most_one_region_is_one_without_a_word_on_what_was_not_tried(rng):
+    mesh, truth = quarters(6, 4)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        regions = quick(patch_motion(mesh, truth, rng, n_frames=10), max_regions=1)
+    assert regions.n_regions == 1 and regions.why == "max_regions=1 was asked for."
 
 
 def test_an_array_is_no_motion(rng):
@@ -694,51 +727,7 @@ def test_a_motion_of_one_valid_frame_is_refused(rng):
         quick(lost)
 
 
-# --- symmetry and stability -----------------------------------------------------------------------
-
-
-def mirrored_grid(columns=9, rows=6):
-    """A grid with its middle column on x = 0, and each vertex's twin."""
-    flat = grid_mesh(columns, rows, 5.0)
-    mesh = flat.with_vertices(flat.vertices - [2.5 * (columns - 1), 0, 0])
-    row, column = np.divmod(np.arange(mesh.n_vertices), columns)
-    return mesh, row * columns + columns - 1 - column
-
-
-def test_twins_lie_where_the_mirror_shows_them():
-    mesh, twins = mirrored_grid()
-    np.testing.assert_array_equal(mirror_twins(mesh), twins)
-    np.testing.assert_array_equal(mirror_twins(mesh, mirror=twins), twins)
-
-
-def test_twins_of_samples_are_the_samples_nearest_to_the_twins_of_their_vertices(rng):
-    mesh, twins = mirrored_grid(13, 10)
-    samples = np.sort(rng.choice(mesh.n_vertices, size=30, replace=False))
-    found = mirror_twins(mesh, samples)
-    G = mesh.geodesics()
-    for i, j in enumerate(found):
-        reached = G[twins[samples[i]], samples]
-        assert reached[j] == reached.min()
-
-
-def test_a_symmetric_cut_scores_one_however_it_is_numbered(rng):
-    mesh, twins = mirrored_grid()
-    quadrant = 2 * (mesh.vertices[:, 0] > 1) + (mesh.vertices[:, 1] > 12)
-    assert symmetry(np.abs(mesh.vertices[:, 0]) > 11, twins) == 1
-    middle = np.abs(mesh.vertices[:, 0]) < 1
-    assert symmetry(np.where(middle, 5, quadrant), twins) == 1
-
-
-def test_a_cut_that_knows_nothing_of_its_mirror_image_scores_nothing(rng):
-    _, twins = mirrored_grid(31, 30)
-    scores = [symmetry(rng.integers(4, size=len(twins)), twins) for _ in range(20)]
-    assert abs(np.mean(scores)) < 0.01
-
-
-def test_twins_need_one_entry_for_each_vertex():
-    mesh, twins = mirrored_grid()
-    with pytest.raises(ValueError, match="mirror has shape"):
-        mirror_twins(mesh, mirror=twins[:-1])
+# --- stability ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("over", ["frames", "seeds"])
@@ -778,3 +767,5 @@ def test_stability_refuses_blocks_longer_than_the_motion_and_other_draws(rng):
         stability(motion, 2)
     with pytest.raises(ValueError, match="over='actors'"):
         stability(motion, 2, over="actors", block=0.1)
+    with pytest.raises(ValueError, match="n_draws=0, but the number of draws must be 1 or more"):
+        stability(motion, 2, block=0.1, n_draws=0)

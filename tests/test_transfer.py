@@ -315,6 +315,16 @@ def test_units_found_on_the_simplified_mesh_are_those_of_the_full_one(actors, we
     assert rms(simple.drive(found.vertices()) - sketch) < 0.3
 
 
+def test_what_a_space_gives_may_be_written_on_without_harm(actors):
+    rig = actors["M1"].linear()
+    space, V = IntermediateSpace(rig, rig.neutral), rig.neutral.vertices.copy()
+    assert space.fit is None
+    for carry in (space.to_template, space.to_target):
+        carried = carry(V)
+        np.testing.assert_array_equal(carried, V)
+        assert not np.shares_memory(carried, V)
+
+
 # -- Errors --
 
 
@@ -334,10 +344,14 @@ def test_carriers_refuse_what_they_cannot_carry(sphere, bump):
 
 def test_the_space_refuses_what_is_no_rig_or_no_mesh(actors):
     rig = actors["M1"].linear()
-    with pytest.raises(TypeError, match=r"source must be a BlendshapeRig.*linear"):
+    with pytest.raises(TypeError, match=r"source is a .*BlendshapeRig.*linear"):
         IntermediateSpace(actors["M1"], rig.neutral)
-    with pytest.raises(TypeError, match="target must be a TriangleMesh, got ndarray"):
+    with pytest.raises(TypeError, match=r"target is a ndarray.*TriangleMesh"):
         IntermediateSpace(rig, rig.neutral.vertices)
+    with pytest.raises(TypeError, match=r"target is a ndarray.*TriangleMesh"):
+        UnitCarrier(rig.neutral, rig.neutral.vertices)
+    with pytest.raises(TypeError, match=r"rig is a TriangleMesh.*BlendshapeRig"):
+        SimplifiedRig(rig.neutral)
 
 
 def test_a_target_of_another_topology_needs_landmarks_and_registration(actors):
@@ -353,6 +367,8 @@ def test_a_sketch_of_another_size_or_with_nan_is_refused(space):
         space.to_template(np.zeros((10, 3)))
     with pytest.raises(ValueError, match="the scan's landmarks share 0"):
         space.to_template(sphere_mesh(3, radius=90))
+    with pytest.raises(TypeError, match=r"sketch is a str.*\(n_vertices, 3\)"):
+        space.to_template("abc")
     V = space.target.vertices.copy()
     V[7, 1] = np.nan
     with pytest.raises(ValueError, match="sketch holds 1 value"):
@@ -368,7 +384,11 @@ def test_what_is_brought_to_life_is_checked(space):
         space.bring_to_life({"AU99": 1.0})
     with pytest.raises(ValueError, match="weights has shape"):
         space.bring_to_life([1.0, 2.0])
-    with pytest.raises(ValueError, match="n_frames=2, but onset"):
+    with pytest.raises(ValueError, match=r"n_frames=2, but .* must be 3 or more"):
         space.bring_to_life({"AU4": 1.0}, n_frames=2)
+    with pytest.raises(ValueError, match="n_frames=-1, but the number of frames"):
+        space.bring_to_life({"AU4": 1.0}, n_frames=-1)
+    with pytest.raises(TypeError, match="n_frames='x' is not an integer"):
+        space.bring_to_life({"AU4": 1.0}, n_frames="x")
     with pytest.raises(ValueError, match=r"unit_sequence.*has shape"):
         space.bring_to_life({"AU4": 1.0}, lambda name, n: np.zeros((n, 1, 3)))

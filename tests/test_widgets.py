@@ -287,6 +287,33 @@ def test_an_error_in_a_callback_stands_in_the_page_and_the_pose_stays(lab, monke
     assert lab._message.value == ""
 
 
+def test_an_error_after_a_step_says_that_the_step_was_made(lab, monkeypatch):
+    def boom(*_):
+        raise ValueError("a planted mishap")
+
+    monkeypatch.setattr(lab.shape, "choose_at", boom)
+    lab.session.drag(17, lab.session.vertices[17] + [2.0, 0, 0])
+    lab._clicking, lab._held = True, 17
+    lab._release()
+    assert "The step was made." in lab._message.value
+    lab.files.name.value = ""
+    lab.files.save.click()
+    assert "The pose is as it was." in lab._message.value
+
+
+def test_what_cannot_be_shown_after_a_step_is_told_in_the_page(lab, monkeypatch):
+    def boom(*_):
+        raise ValueError("a planted mishap")
+
+    monkeypatch.setattr(lab.pose, "refresh", boom)
+    lab.session.set(beta=2.0)  # by a script: the edit stands
+    assert lab.session.beta == 2
+    assert "The step was made." in lab._message.value and "mishap" in lab._message.value
+    monkeypatch.undo()
+    lab.session.set(beta=3.0)
+    assert lab._message.value == ""
+
+
 def test_buttons_and_sliders_do_what_the_session_does(lab):
     neutral = lab.session.vertices
     pull(lab, 17, [2.0, 2, 2])
@@ -698,6 +725,38 @@ def test_a_clip_saved_by_name_is_loaded_again(lab):
     lab.clip.set_clip(None)
     lab.files.load_clip.click()
     assert lab.clip.clip is not None and lab.clip.clip.times[0] == 0
+
+
+def test_a_clip_stays_with_the_model_that_made_it(lab, tmp_path):
+    pull(lab, 17, [2.0, 2, 2])
+    lab.clip.key.click()
+    clip, made_by = lab.clip.clip, lab.session.model
+    lab.session.use(lab.models["holistic"])
+    for button in (lab.clip.key, lab.files.save_clip, lab.files.clip_glb):
+        button.click()
+        assert "key poses are of another model; choose that model" in lab._message.value
+        assert lab.clip.clip is clip and lab.clip.model is made_by
+    lab.clip.easing.value = "linear"
+    assert lab.clip.model is made_by
+    assert list(tmp_path.iterdir()) == []
+    lab.session.use(made_by)
+    lab.files.save_clip.click()
+    assert [p.name for p in tmp_path.iterdir()] == ["pose.clip.json"]
+
+
+def test_files_are_offered_by_the_names_they_were_given(lab):
+    lab.clip.key.click()
+    for name in ("smile", "frown"):
+        lab.files.name.value = name
+        lab.files.save_clip.click()
+    lab.files.save.click()
+    assert list(lab.files.name.options) == ["frown", "smile"]
+
+
+def test_blending_on_an_empty_strip_says_so(lab):
+    lab.strip._react("remove", "neutral")
+    lab.strip.share.value = 0.5
+    assert "the strip is empty; add the poses to blend first" in lab._message.value
 
 
 def test_playing_without_keys_and_files_without_a_name_are_refused_in_words(lab):

@@ -6,13 +6,19 @@ import traceback
 
 
 def shows_errors(method):
-    """Pass what a callback raises on to the `_fail` of its view."""
+    """Pass what a callback raises on to the `_fail` of its view.
+
+    Its `step_made` tells whether the state of the view's session, if it has one, is another now.
+    """
 
     @functools.wraps(method)
     def guarded(self, *args, **kwargs):
+        session = getattr(self, "session", None)
+        before = getattr(session, "state", None)
         try:
             return method(self, *args, **kwargs)
         except Exception as error:
+            error.step_made = getattr(session, "state", None) is not before
             self._fail(error)
 
     return guarded

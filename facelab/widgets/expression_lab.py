@@ -1,8 +1,10 @@
 """The expression lab: a sketch on the left, the face that action units make of it on the right."""
 
 import base64
+import functools
 import html
 import tempfile
+from contextlib import contextmanager
 from pathlib import Path
 
 import ipywidgets as widgets
@@ -10,6 +12,7 @@ import matplotlib
 import numpy as np
 from matplotlib.colors import to_hex
 
+from facelab.errors import check_type
 from facelab.expression import CRITERIA
 from facelab.expression_session import ALPHAS, BOUNDS, ExpressionSession
 from facelab.motion import MotionSequence
@@ -30,13 +33,28 @@ _HINT = (
 )
 
 
+def _own(method):
+    """A callback of the page: errors are shown, and what it does to the session is no news."""
+
+    @functools.wraps(method)
+    def acting(self, *args, **kwargs):
+        outer, self._acting = self._acting, True
+        try:
+            return method(self, *args, **kwargs)
+        finally:
+            self._acting = outer
+
+    return shows_errors(acting)
+
+
 class ExpressionLab:
     """A page in which a sketched expression is explained by action units.
 
     Parameters
     ----------
     session : ExpressionSession
-        What is shown; the lab only passes on what the mouse and the sliders do.
+        What is shown; the lab only passes on what the mouse and the sliders do, and follows what
+        is done elsewhere, as by another lab.
     sketches : dict of str to source, optional
         Sketches to choose from. A source is a face (TriangleMesh or vertices), a take
         (MotionSequence, with a slider through its frames), or a PosingSession: then pulling the
@@ -64,11 +82,7 @@ class ExpressionLab:
     def __init__(
         self, session, sketches=None, others=None, props=(), folder=".", width=290, height=330
     ):
-        if not isinstance(session, ExpressionSession):
-            raise TypeError(
-                f"session is a {type(session).__name__}, but must be an ExpressionSession."
-            )
-        self.session = session
+        self.session = check_type(session, "session", ExpressionSession, "ExpressionSession(rig)")
         mesh = session.rig.neutral
         self.sketches = {**(sketches or {}), "neutral": mesh}
         self.others = {
@@ -84,7 +98,8 @@ class ExpressionLab:
         self.sketch_view.on_move = self._move
         self.sketch_view.on_release = self._release
         self._puller = self._other_view = self._rms = None
-        self._painted = self._settling = self._pulling = False
+        self._other_note = ""
+        self._painted = self._settling = self._pulling = self._acting = False
         self._build_parts()
         self._build_page()
         self.refresh()
@@ -198,6 +213,7 @@ class ExpressionLab:
         for source in self.sketches.values():
             if isinstance(source, PosingSession):
                 source.observe(self._posed)
+        self.session.observe(self._follow)
 
     def _sources(self):
         name = self._place_of(self.session.state.origin)[0]
@@ -212,24 +228,38 @@ class ExpressionLab:
         """Show the session as it is now, sketch and settings too."""
         state = self.session.state
         self._message.value = ""
-        self._settling = True
-        self.sketch_view.show(self.session.sketch)
-        self.sketch_view.show_pins(*self._pins())
-        name, frame = self._place_of(state.origin)
-        if self.source.options != tuple(self._sources()):
-            self.source.options = self._sources()
-        self.source.value = name
-        self.frame.layout.visibility = "hidden" if frame is None else "visible"
-        if frame is not None:
-            self.frame.max = self.sketches[name].n_frames - 1
-            self.frame.value = frame
-        self.lam.value = self._lam_shown()
-        self.bounds.value, self.criterion.value = state.bounds, state.criterion
-        self.align.value, self.clamp.value = state.align is True, state.clamp
-        self._show_history()
-        self._settling = False
+        with self._setting():
+            self.sketch_view.show(self.session.sketch)
+            self.sketch_view.show_pins(*self._pins())
+            name, frame = self._place_of(state.origin)
+            if self.source.options != tuple(self._sources()):
+                self.source.options = self._sources()
+            self.source.value = name
+            self.frame.layout.visibility = "hidden" if frame is None else "visible"
+            if frame is not None:
+                self.frame.max = self.sketches[name].n_frames - 1
+                self.frame.value = frame
+            self.lam.value = self._lam_shown()
+            self.bounds.value, self.criterion.value = state.bounds, state.criterion
+            self.align.value, self.clamp.value = state.align is True, state.clamp
+            self._show_history()
         self._show_answer()
         self._show_difference()
+
+    @contextmanager
+    def _setting(self):
+        """While the lab sets its own controls: what they report is no edit."""
+        self._settling = True
+        try:
+            yield
+        finally:
+            self._settling = False
+
+    @shows_errors
+    def _follow(self, _):
+        """Show what was done to the session elsewhere."""
+        if not self._acting:
+            self.refresh()
 
     def _show_history(self):
         self.undo.disabled = not self.session.can_undo
@@ -239,18 +269,20 @@ class ExpressionLab:
         """Show what the units make: all that may change while a slider or the mouse moves."""
         session, fit = self.session, self.session.fit
         self.view.show(session.vertices)
+        self._other_note = ""
         if self._other_view is not None:
-            self._other_view.show(session.on(self.others[self.other.value][0]))
+            try:
+                self._other_view.show(session.on(self.others[self.other.value][0]))
+            except Exception as error:  # the sketch and its units are shown all the same
+                self._other_note = f"{self.other.value} is as it was: {error}"
         weights = np.round(session.weights, 4)
         self.bars.weights = weights.tolist()
         self.bars.states = [self._state_of(name) for name in session.names]
-        self._settling = True
-        with self.curve.hold_sync():
+        with self._setting(), self.curve.hold_sync():
             if fit.rms is not self._rms:
                 self._rms, self.curve.rms = fit.rms, np.round(fit.rms, 4).tolist()
             self.curve.best, self.curve.reach = fit.best, min(session.reach[1], 1e6)
             self.curve.place = int(np.abs(ALPHAS - session.alpha).argmin())
-        self._settling = False
         self._paint()
         self._tell()
 
@@ -270,7 +302,7 @@ class ExpressionLab:
             f"α = {session.alpha:g}{following}: sum {session.weights.sum():.2f}, "
             f"RMS {session.rms:.3f} mm"
         )
-        said = [session.note] * bool(session.note)
+        said = [html.escape(note) for note in (session.note, self._other_note) if note]
         if over.max() > 0.05:
             where = "stopped at" if session.state.clamp else "beyond"
             said.append(
@@ -340,7 +372,7 @@ class ExpressionLab:
             self.sketch_view.show_pins(np.empty((0, 3)), np.empty((0, 3)))
             self.sketch_view.begin_morph(D, vertex, self._from)
 
-    @shows_errors
+    @_own
     def _move(self, offset):
         if self._clicking and np.linalg.norm(offset) < _JITTER:
             return
@@ -353,14 +385,14 @@ class ExpressionLab:
             self.sketch_view.show(self.session.sketch)
         self._show_answer()
 
-    @shows_errors
+    @_own
     def _release(self):
         self._puller.release()
         self._pulling = False
         self.session.settle()
         self.refresh()
 
-    @shows_errors
+    @_own
     def _posed(self, what):
         """Follow a PosingSession that is pulled elsewhere, as in a PosingLab on the same page."""
         origin = self.session.state.origin
@@ -381,7 +413,7 @@ class ExpressionLab:
         if not self._settling:
             self._set(alpha=float(ALPHAS[place]))
 
-    @shows_errors
+    @_own
     def _set(self, **changes):
         """Pass on what only changes the answer: quick enough for a slider on the move."""
         self.session.set(**changes)
@@ -389,13 +421,13 @@ class ExpressionLab:
         self._show_answer()
         self._show_history()
 
-    @shows_errors
+    @_own
     def _slide(self, change):
         # the page rounds a value to its slider's grid and sends it back: that is no edit
         if not self._settling and abs(np.log10(change["new"] / self._lam_shown())) > 0.02:
             self._set(lam=change["new"])
 
-    @shows_errors
+    @_own
     def _choose(self, _):
         if not self._settling:
             self.session.set(
@@ -406,7 +438,7 @@ class ExpressionLab:
             )
             self.refresh()
 
-    @shows_errors
+    @_own
     def _edit(self, what, unit, weight):
         session, name = self.session, self.session.names[unit]
         if what == "settle":
@@ -426,7 +458,7 @@ class ExpressionLab:
         self._show_answer()
         self._show_history()
 
-    @shows_errors
+    @_own
     def _press_button(self, button):
         session, before = self.session, self.session.state
         posing = self._posing()
@@ -451,7 +483,7 @@ class ExpressionLab:
         name, _, frame = origin.rpartition(", frame ")
         return (name, int(frame)) if name in self.sketches and frame.isdigit() else (origin, None)
 
-    @shows_errors
+    @_own
     def _choose_source(self, change):
         if self._settling or change["new"] not in self.sketches:
             return
@@ -462,7 +494,7 @@ class ExpressionLab:
             self.session.load(getattr(source, "vertices", source), change["new"])
         self.refresh()
 
-    @shows_errors
+    @_own
     def _choose_frame(self, change):
         if not self._settling:
             self._load_frame(self.source.value, change["new"], live=True)
@@ -474,16 +506,16 @@ class ExpressionLab:
         origin = f"{name}, frame {frame}"
         self.session.load_frame(self.sketches[name], frame, origin, live)
 
-    @shows_errors
+    @_own
     def _take_file(self, change):
         if not change["new"]:
             return
         (file,) = change["new"]
         self.upload.value = ()
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / file["name"]
+            path = Path(folder) / Path(file["name"]).name
             path.write_bytes(file["content"])
-            self.session.load_file(path, _UNITS_OF_LENGTH[self.unit.value], file["name"])
+            self.session.load_file(path, _UNITS_OF_LENGTH[self.unit.value], path.name)
         self.refresh()
 
     @shows_errors
@@ -491,6 +523,11 @@ class ExpressionLab:
         self._other_view = None
         if change["new"]:
             face, props = self.others[change["new"]]
+            try:
+                self.session.on(face)
+            except Exception:
+                self.other.value = ""
+                raise
             mesh = face.neutral if hasattr(face, "neutral") else face.target
             near = np.linalg.norm(mesh.vertices.mean(axis=0) - self.view._target) < 60
             self._other_view = FaceView(

@@ -10,6 +10,7 @@ from facelab.widgets.posing_panels import WIDTH, Panel, quiet
 
 _FPS = 25  # no more frames than this are sent to the page
 _KEYS = "key poses"
+OTHER_MODEL = "the key poses are of another model; choose that model first."
 
 
 class ClipPanel(Panel):
@@ -76,9 +77,9 @@ class ClipPanel(Panel):
         """Where the slider stands."""
         return self.slider.value / _FPS
 
-    def set_clip(self, clip):
-        """Put a clip of the session's model on the slider; None takes it away."""
-        self.clip, self.model = clip, self.session.model
+    def set_clip(self, clip, model=None):
+        """Put a clip of a model, the session's if left out, on the slider; None takes it away."""
+        self.clip, self.model = clip, self.session.model if model is None else model
         if clip is not None:
             with quiet(self):
                 self.length.value = max(self.length.value, float(clip.times[-1]))
@@ -154,7 +155,7 @@ class ClipPanel(Panel):
             if self.clip is None:
                 raise ValueError("there is no key pose yet; pose the face and press 'Key here'.")
             if self.model is not self.session.model:
-                raise ValueError("the key poses are of another model; choose that model first.")
+                raise ValueError(OTHER_MODEL)
             return self.clip.at(self.seconds)
         track = self._track()
         now = min(round(self.seconds * self._take_fps()), len(track) - 1)
@@ -187,7 +188,8 @@ class ClipPanel(Panel):
     @shows_errors
     def _ease(self, change):
         if self.clip is not None and not self._settling:
-            self.set_clip(Clip(self.clip.times, self.clip.poses, change["new"], self.clip.names))
+            clip = Clip(self.clip.times, self.clip.poses, change["new"], self.clip.names)
+            self.set_clip(clip, self.model)
 
     def _pose_frame(self):
         coefficients = self._coefficients()
@@ -205,8 +207,10 @@ class ClipPanel(Panel):
 
     def _add_key(self):
         state = self.session.state
-        if self.clip is None or self.model is not state.model:
+        if self.clip is None:
             clip = Clip.of([(self.seconds, state)])
+        elif self.model is not state.model:
+            raise ValueError(OTHER_MODEL)
         else:
             clip = self.clip.with_key(self.seconds, state)
         self.set_clip(clip)
@@ -217,7 +221,7 @@ class ClipPanel(Panel):
             self.slider.value = round(float(self.clip.times[i]) * _FPS)
         else:
             left = len(self.clip.times) - 1
-            self.set_clip(self.clip.without_key(i) if left else None)
+            self.set_clip(self.clip.without_key(i) if left else None, self.model)
 
 
 def _button(text, tip):

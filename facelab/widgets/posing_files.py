@@ -12,6 +12,7 @@ from facelab.io import write_obj, write_ply
 from facelab.poses import interpolate, load_clip, load_pose, save_clip, save_pose
 from facelab.widgets.errors import shows_errors
 from facelab.widgets.page import ItemList
+from facelab.widgets.posing_clips import OTHER_MODEL
 from facelab.widgets.posing_panels import WIDTH, Panel, quiet
 
 _LINKED_BYTES = 12e6  # larger files get no link in the page
@@ -98,6 +99,8 @@ class StripPanel(Panel):
     def _blend(self, change):
         if self._settling:
             return
+        if not self.poses:
+            raise ValueError("the strip is empty; add the poses to blend first.")
         a, b = self.poses[self.a.value], self.poses[self.b.value]
         with self.session.group("blend"):
             self.session.use(a.model)
@@ -146,7 +149,8 @@ class FilePanel(Panel):
 
     def _list_files(self):
         found = Path(self.lab.folder).glob("*.json")
-        self.name.options = sorted(p.name.removesuffix(".json") for p in found)[:200]
+        names = {p.name.removesuffix(".json").removesuffix(".clip") for p in found}
+        self.name.options = sorted(names)[:200]
 
     def _path(self, ending):
         name = self.name.value.strip()
@@ -184,6 +188,8 @@ class FilePanel(Panel):
     def _clip(self):
         if self.lab.clip.clip is None:
             raise ValueError("there is no clip yet; set key poses in the tab Clip first.")
+        if self.lab.clip.model is not self.session.model:
+            raise ValueError(OTHER_MODEL)
         return self.lab.clip.clip
 
     @shows_errors

@@ -1,5 +1,6 @@
 """The posing lab: a face to pull, and beside it what else a hand can do to a pose."""
 
+import contextlib
 import html
 
 import ipywidgets as widgets
@@ -198,12 +199,14 @@ class PosingLab:
 
     def _fail(self, error):
         """Show an error, give up the drag it happened in, and keep the last good pose."""
+        what_now = "The step was made." if error.step_made else "The pose is as it was."
         for view in self._views():
             view.end_drag()
         self._held = None
         self.session.cancel()
-        self.refresh()
-        self._message.value = error_box(error, "The pose is as it was.")
+        with contextlib.suppress(Exception):  # it may be the showing that failed
+            self.refresh()
+        self._message.value = error_box(error, what_now)
 
     # --- what is shown ----------------------------------------------------------------------------
 
@@ -343,11 +346,15 @@ class PosingLab:
 
     def _follow(self, what):
         """The session has changed, by this lab, another one, or a script."""
-        if what == "step":
-            self.frame = self.clip.frame if self.clip.over_pose else None
-            self.refresh()
-        elif self._held is None:
-            self.show()
+        try:
+            if what == "step":
+                self.frame = self.clip.frame if self.clip.over_pose else None
+                self.refresh()
+            elif self._held is None:
+                self.show()
+        except Exception as error:
+            error.step_made = what == "step"
+            self._fail(error)
 
     # --- the mouse --------------------------------------------------------------------------------
 
