@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from facelab.errors import as_finite, check_choice, check_number
+from facelab.errors import as_finite, check_choice, check_count, check_number
 from facelab.expression_sequence import regress_sequence
 from facelab.expression_units import (
     Alignment,
@@ -381,6 +381,8 @@ def held_out_error(fit, n_folds=5, n_patches=50):
         RMS distance a vertex, millimetres.
     """
     basis, d, n = fit.basis, fit.displacement, fit.basis.rig.neutral.n_vertices
+    n_patches = check_count(n_patches, "n_patches", 2, n, "patches")
+    n_folds = check_count(n_folds, "n_folds", 2, n_patches, "folds")
     k = basis.kept
     scale = 1.0 if fit.per_vertex else n
     b = basis.R.T @ (basis.Q.T @ d.ravel())

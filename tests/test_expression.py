@@ -308,6 +308,13 @@ def test_the_held_out_error_is_that_of_fits_without_the_patch(rig, sketch):
     assert fit.choose("held_out") == expected.argmin()
 
 
+@pytest.mark.parametrize("wrong", [{"n_folds": 1}, {"n_folds": 51}, {"n_patches": 1}])
+def test_folds_that_leave_nothing_out_are_refused(rig, sketch, wrong):
+    fit = regress_expression(rig, sketch, alphas=[1], align=False)
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        held_out_error(fit, **wrong)
+
+
 # -- Alignment --
 
 
