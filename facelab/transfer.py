@@ -36,7 +36,7 @@ class UnitCarrier:
         transfer: every triangle of the target is turned and stretched as its like on the source;
         units grow with the face. Between the synthetic actors mostly the nearest to the truth.
         mapping: each displacement follows the change of the surface around its vertex, a turn and
-        a stretch found over `reach` millimetres; the paper's way.
+        a stretch found over `reach` millimetres; our stand-in for the method that the paper cites.
         copy: displacements stay as they are.
     reach : float, default=20.0
         Of mapping, millimetres: how far around a vertex the change of the surface is averaged.
@@ -48,7 +48,7 @@ class UnitCarrier:
 
     References
     ----------
-    Movement mapping: after the words of Yu and Liu 2014, section III, and the idea of Noh and
+    Movement mapping: only cited by Yu and Liu 2014, section III; ours follows the idea of Noh and
     Neumann, Expression Cloning, 2001; the average over a neighbourhood is ours. Deformation
     transfer: Sumner and Popovic 2004, triangles weighted by area.
     """

@@ -1,8 +1,9 @@
 """Faces whose regions and motion are known because we put them there."""
 
 import numpy as np
-from shapes import grid_mesh
+from shapes import grid_mesh, sphere_mesh
 
+from facelab.blendshapes import BlendshapeRig
 from facelab.mesh import TriangleMesh
 from facelab.motion import MotionSequence
 from facelab.segmentation import Regions
@@ -64,3 +65,13 @@ def corner_regions(sharing="one-sided"):
     """Four regions that meet around one place, so that some vertices have three holders."""
     mesh, labels = quarters(7, 6, 10.0)
     return Regions(labels, mesh, sharing)
+
+
+def bumpy_rig():
+    """Twelve overlapping bumps on a sphere of 162 vertices; nothing in it is symmetric."""
+    rng = np.random.default_rng(3)
+    mesh = sphere_mesh(2, radius=50.0)
+    centres = mesh.vertices[rng.permutation(mesh.n_vertices)[:12]]
+    near = np.exp(-((np.linalg.norm(mesh.vertices - centres[:, None], axis=2) / 35) ** 2))
+    deltas = near[..., None] * rng.normal(scale=6, size=(12, 1, 3))
+    return BlendshapeRig(mesh, [f"AU{i}" for i in range(12)], deltas)

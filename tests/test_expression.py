@@ -4,6 +4,7 @@ import warnings
 import literal_yu
 import numpy as np
 import pytest
+from planted import bumpy_rig
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 from shapes import sphere_mesh
@@ -27,13 +28,7 @@ BOUNDS = {"free": None, "non-negative": (0, None), "unit": (0, 1)}
 
 @pytest.fixture(scope="module")
 def rig():
-    """Twelve overlapping bumps on a sphere of 162 vertices; nothing in it is symmetric."""
-    rng = np.random.default_rng(3)
-    mesh = sphere_mesh(2, radius=50.0)
-    centres = mesh.vertices[rng.permutation(mesh.n_vertices)[:12]]
-    near = np.exp(-((np.linalg.norm(mesh.vertices - centres[:, None], axis=2) / 35) ** 2))
-    deltas = near[..., None] * rng.normal(scale=6, size=(12, 1, 3))
-    return BlendshapeRig(mesh, [f"AU{i}" for i in range(12)], deltas)
+    return bumpy_rig()
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
-from shapes import sphere_mesh
+from planted import bumpy_rig
 
-from facelab.blendshapes import BlendshapeRig
 from facelab.expression import prepare_units
 from facelab.expression_trials import (
     carry_errors,
@@ -19,12 +18,7 @@ from facelab.expression_trials import (
 
 @pytest.fixture(scope="module")
 def rig():
-    rng = np.random.default_rng(3)
-    mesh = sphere_mesh(2, radius=50.0)
-    centres = mesh.vertices[rng.permutation(mesh.n_vertices)[:12]]
-    near = np.exp(-((np.linalg.norm(mesh.vertices - centres[:, None], axis=2) / 35) ** 2))
-    deltas = near[..., None] * rng.normal(scale=6, size=(12, 1, 3))
-    return BlendshapeRig(mesh, [f"AU{i}" for i in range(12)], deltas)
+    return bumpy_rig()
 
 
 def test_mixtures_have_as_many_units_as_asked_each_number_as_often():

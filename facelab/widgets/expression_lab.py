@@ -21,11 +21,10 @@ from facelab.sculpt import Sculpt
 from facelab.widgets.errors import error_box, shows_errors
 from facelab.widgets.expression_parts import AlphaCurve, UnitBars
 from facelab.widgets.thumbnail import Thumbnails
-from facelab.widgets.viewer import FaceView
+from facelab.widgets.viewer import JITTER, FaceView
 
 _COLORS = "YlGnBu"
 _PICTURE = (60, 66)  # pixels
-_JITTER = 0.6  # mm: a hand that only clicks moves this far
 _UNITS_OF_LENGTH = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 _HINT = (
     "Left: the sketch. Drag a point of it to change it; drag beside it to turn both faces. "
@@ -374,7 +373,7 @@ class ExpressionLab:
 
     @_own
     def _move(self, offset):
-        if self._clicking and np.linalg.norm(offset) < _JITTER:
+        if self._clicking and np.linalg.norm(offset) < JITTER:
             return
         self._clicking = False
         self._puller.drag(self._held, self._from + offset)

@@ -18,9 +18,8 @@ from facelab.widgets.posing_clips import ClipPanel
 from facelab.widgets.posing_files import FilePanel, StripPanel
 from facelab.widgets.posing_panels import PosePanel, ShapePanel, quiet, shade
 from facelab.widgets.thumbnail import Thumbnails
-from facelab.widgets.viewer import FaceView
+from facelab.widgets.viewer import JITTER, FaceView
 
-_JITTER = 0.6  # mm: a hand that only clicks moves this far, and sets no pin
 _LOCKED, _FREE = (0.80, 0.25, 0.15), (1.0, 0.85, 0.0)
 _NEARBY = 6.0  # mm: a vertex is named by a landmark as near as this
 _SIDE_BY_SIDE = 0.62  # of the size of a single view
@@ -388,7 +387,7 @@ class PosingLab:
 
     @shows_errors
     def _move(self, offset):
-        if self._held is None or (self._clicking and np.linalg.norm(offset) < _JITTER):
+        if self._held is None or (self._clicking and np.linalg.norm(offset) < JITTER):
             return
         self._clicking = False
         target = self._from + offset

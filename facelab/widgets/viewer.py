@@ -18,6 +18,8 @@ _RESERVED_PINS = 8
 _MARKER, _MARKER_SIZE = "#12406b", 3.0  # mm, as wide as those that actors wear
 _DISC_CORNERS = 14
 _RIM = 3.0  # mm: a mouse this near to a lid or lip, but in the opening, is on its rim
+JITTER = 0.6
+"""A hand that only clicks moves this far, mm: less is no drag."""
 _NOWHERE = (0.0, 0.0, -1e6)
 
 
