@@ -45,7 +45,7 @@ install its venv module (Debian, Ubuntu: apt-get install python3-venv)."; exit 1
 	@touch $@
 
 data: env
-	$(BIN)/python -m facelab.datasets
+	$(BIN)/python -m facelab.data
 
 lab: env data
 	$(BIN)/jupyter lab --config=jupyter_server_config.py notebooks/01_capture.ipynb
@@ -80,7 +80,7 @@ notebooks: env data
 		--ExecutePreprocessor.record_timing=False $(NOTEBOOKS)
 
 results: env data
-	$(BIN)/python -m facelab.results --out results
+	$(BIN)/python -m facelab.studies.generalisation --out results
 
 bench: env data browser
 	$(BIN)/python tests/benchmarks/run.py

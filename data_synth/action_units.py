@@ -23,9 +23,9 @@ from data_synth.identity import ACTORS
 from data_synth.muscles import Fold, Linear, Lips, Orbicularis, Pad, Sheet, Skin, ease
 from data_synth.template import build_template
 from data_synth.units import UNITS, expand
-from facelab.blendshapes import BlendshapeRig
-from facelab.errors import as_finite, as_indices, check_choice, check_index
-from facelab.mesh import MULTI_PIE, TriangleMesh
+from facelab.checks import as_finite, as_indices, check_choice, check_index
+from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+from facelab.rig import BlendshapeRig
 
 
 @dataclass(frozen=True)

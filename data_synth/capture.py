@@ -34,11 +34,11 @@ from data_synth.performance import (
     perform_sentence,
 )
 from data_synth.units import UNITS
-from facelab.c3d import read_own_c3d, write_c3d
-from facelab.errors import check_choice
-from facelab.io import load_npz, save_npz
-from facelab.mesh import TriangleMesh
+from facelab.checks import check_choice
+from facelab.files.c3d import read_own_c3d, write_c3d
+from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MarkerSequence, WeightSequence
+from facelab.storage import load_npz, save_npz
 
 _threads = ThreadpoolController()
 

@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 from data_synth.action_units import action_rig
 from data_synth.template import build_template
 from data_synth.units import UNIT_TABLE
-from facelab.datasets import load_ict_facekit
-from facelab.mesh import MULTI_PIE
+from facelab.data.ict import load_ict_facekit
+from facelab.geometry.mesh import MULTI_PIE
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def compare(rig=None, scan=None):
     rig : ActionUnitRig, optional
         The average synthetic face if left out.
     scan : BlendshapeRig, optional
-        `facelab.datasets.load_ict_facekit()` if left out.
+        `facelab.load_ict_facekit()` if left out.
 
     Returns
     -------

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from facelab.mesh import TriangleMesh
+from facelab.geometry.mesh import TriangleMesh
 
 _AVERAGE_BREADTH = 143.4  # mm between the outermost jaw landmarks of the average face
 

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from data_synth.units import UNITS, expand
-from facelab.errors import check_choice, check_number
+from facelab.checks import check_choice, check_number
 from facelab.motion import WeightSequence
 
 ACTORS = ("M1", "F1", "M2", "F2")

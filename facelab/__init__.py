@@ -21,98 +21,69 @@ alpha          anchor_weight         pull of the anchors of a deformation     Yu
 ============== ===================== ======================================== ================
 """
 
-from facelab.alignment import procrustes
-from facelab.blendshapes import BlendshapeRig
-from facelab.c3d import read_c3d, write_c3d
-from facelab.datasets import (
+from facelab import (
+    data,
+    expression,
+    files,
+    geometry,
+    models,
+    numeric,
+    posing,
+    registration,
+    segmentation,
+    studies,
+)
+from facelab.data import (
     DataUnavailable,
-    load_capture,
     load_example,
     load_ict_facekit,
-    load_ict_props,
+    load_registered,
     load_take,
     load_template,
 )
-from facelab.deformation import LinearBinding, bind, laplacian_deform
-from facelab.evaluation import rms_error
-from facelab.exports import read_weights_csv, to_arkit, write_live_link_csv, write_weights_csv
-from facelab.expression import ExpressionFit, regress_expression
-from facelab.expression_sequence import regress_sequence
-from facelab.expression_session import ExpressionSession
-from facelab.expression_units import prepare_units
-from facelab.gltf import write_clip_glb, write_glb
-from facelab.io import read_live_link_csv, read_mesh, read_obj, write_obj, write_ply
-from facelab.mesh import MULTI_PIE, TriangleMesh
-from facelab.models import HolisticModel, RegionModel, load_model
+from facelab.expression import ExpressionSession, IntermediateSpace, regress_expression
+from facelab.files import read_mesh
+from facelab.geometry import TriangleMesh, bind
+from facelab.models import HolisticModel, RegionModel, rms_error
 from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
-from facelab.poses import Clip, load_clip, load_pose, read_log, replay, save_clip, save_pose
-from facelab.posing import PoseSolver, PosingSession
-from facelab.registered import RegisteredActor, load_registered
-from facelab.registration import fit_markers, fit_scan, rest_markers
-from facelab.sculpt import Sculpt
-from facelab.segmentation import Likeness, Regions, segment_face
-from facelab.sequences import Registration, register_sequence
-from facelab.transfer import IntermediateSpace
+from facelab.posing import PosingSession
+from facelab.registration import fit_markers, fit_scan, register_sequence
+from facelab.rig import BlendshapeRig
+from facelab.segmentation import segment_face
 
 __all__ = [
-    "MULTI_PIE",
     "BlendshapeRig",
-    "Clip",
     "DataUnavailable",
-    "ExpressionFit",
     "ExpressionSession",
     "HolisticModel",
     "IntermediateSpace",
-    "Likeness",
-    "LinearBinding",
     "MarkerSequence",
     "MotionSequence",
-    "PoseSolver",
     "PosingSession",
     "RegionModel",
-    "Regions",
-    "RegisteredActor",
-    "Registration",
-    "Sculpt",
     "TriangleMesh",
     "WeightSequence",
     "bind",
+    "data",
+    "expression",
+    "files",
     "fit_markers",
     "fit_scan",
-    "laplacian_deform",
-    "load_capture",
-    "load_clip",
+    "geometry",
     "load_example",
     "load_ict_facekit",
-    "load_ict_props",
-    "load_model",
-    "load_pose",
     "load_registered",
     "load_take",
     "load_template",
-    "prepare_units",
-    "procrustes",
-    "read_c3d",
-    "read_live_link_csv",
-    "read_log",
+    "models",
+    "numeric",
+    "posing",
     "read_mesh",
-    "read_obj",
-    "read_weights_csv",
     "register_sequence",
+    "registration",
     "regress_expression",
-    "regress_sequence",
-    "replay",
-    "rest_markers",
     "rms_error",
-    "save_clip",
-    "save_pose",
     "segment_face",
-    "to_arkit",
-    "write_c3d",
-    "write_clip_glb",
-    "write_glb",
-    "write_live_link_csv",
-    "write_obj",
-    "write_ply",
-    "write_weights_csv",
+    "segmentation",
+    "studies",
 ]

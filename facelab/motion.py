@@ -4,8 +4,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from facelab.errors import as_finite, check_number
-from facelab.mesh import TriangleMesh
+from facelab.checks import as_finite, check_number
+from facelab.geometry.mesh import TriangleMesh
 
 
 def _valid_mask(valid, n_frames):

@@ -8,9 +8,9 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.ticker import NullLocator
 
-from facelab.errors import as_finite
-from facelab.mesh import vertex_normals
-from facelab.segmentation import renumbered
+from facelab.checks import as_finite
+from facelab.geometry.mesh import vertex_normals
+from facelab.segmentation.clusters import renumbered
 
 SKIN = "#e0b49a"
 CURVES = (  # colour and dash; colours after Okabe and Ito, apart for colour-blind readers

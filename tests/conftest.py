@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from shapes import disk_mesh, grid_mesh, sphere_mesh
 
-from facelab.mesh import TriangleMesh
+from facelab.geometry.mesh import TriangleMesh
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def ict_root():
 @pytest.fixture(scope="session")
 def ict_cache(ict_root, tmp_path_factory):
     """A cache folder of this run; the files of ICT-FaceKit are parsed into it once."""
-    from facelab.datasets import load_ict_facekit
+    from facelab.data.ict import load_ict_facekit
 
     folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
@@ -61,7 +61,7 @@ def ict_cache(ict_root, tmp_path_factory):
 @pytest.fixture(scope="session")
 def real_rig(ict_root, ict_cache):
     """The narrow face of ICT-FaceKit with its 53 expressions."""
-    from facelab.datasets import load_ict_facekit
+    from facelab.data.ict import load_ict_facekit
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FACELAB_CACHE", str(ict_cache))
@@ -79,6 +79,6 @@ def captures_root():
 @pytest.fixture(scope="session")
 def real_takes(captures_root):
     """Both recorded takes by name."""
-    from facelab.datasets import TAKES, load_take
+    from facelab.data.takes import TAKES, load_take
 
     return {name: load_take(name, captures_root) for name in TAKES}

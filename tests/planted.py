@@ -3,10 +3,10 @@
 import numpy as np
 from shapes import grid_mesh, sphere_mesh
 
-from facelab.blendshapes import BlendshapeRig
-from facelab.mesh import TriangleMesh
+from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MotionSequence
-from facelab.segmentation import Regions
+from facelab.rig import BlendshapeRig
+from facelab.segmentation.regions import Regions
 
 
 def quarters(columns=12, rows=10, spacing=8.0):

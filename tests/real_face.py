@@ -5,8 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from facelab.models import HolisticModel, RegionModel
-from facelab.segmentation import segment_face
+from facelab.models.holistic import HolisticModel
+from facelab.models.region import RegionModel
+from facelab.segmentation.segment import segment_face
 
 NOISE = 0.3
 """Noise of a capture, millimetres on each axis."""

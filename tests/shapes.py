@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from facelab.mesh import TriangleMesh
+from facelab.geometry.mesh import TriangleMesh
 
 
 def grid_mesh(columns, rows, spacing=1.0):

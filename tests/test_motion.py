@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from facelab.mesh import TriangleMesh
+from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
 
 MESH = TriangleMesh([[0, 0, 0], [10, 0, 0], [0, 10, 0], [10, 10, 5]], [[0, 1, 2], [1, 3, 2]])

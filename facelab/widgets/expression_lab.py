@@ -12,12 +12,12 @@ import matplotlib
 import numpy as np
 from matplotlib.colors import to_hex
 
-from facelab.errors import check_type
-from facelab.expression import CRITERIA
-from facelab.expression_session import ALPHAS, BOUNDS, ExpressionSession
+from facelab.checks import check_type
+from facelab.expression.regression import CRITERIA
+from facelab.expression.session import ALPHAS, BOUNDS, ExpressionSession
 from facelab.motion import MotionSequence
-from facelab.posing import PosingSession
-from facelab.sculpt import Sculpt
+from facelab.posing.sculpt import Sculpt
+from facelab.posing.session import PosingSession
 from facelab.widgets.errors import error_box, shows_errors
 from facelab.widgets.expression_parts import AlphaCurve, UnitBars
 from facelab.widgets.thumbnail import Thumbnails

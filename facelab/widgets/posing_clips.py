@@ -3,7 +3,7 @@
 import ipywidgets as widgets
 import numpy as np
 
-from facelab.poses import Clip
+from facelab.posing.clips import Clip
 from facelab.widgets.errors import shows_errors
 from facelab.widgets.page import ItemList
 from facelab.widgets.posing_panels import WIDTH, Panel, quiet

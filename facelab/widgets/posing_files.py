@@ -7,9 +7,10 @@ from pathlib import Path
 
 import ipywidgets as widgets
 
-from facelab.gltf import write_clip_glb, write_glb
-from facelab.io import write_obj, write_ply
-from facelab.poses import interpolate, load_clip, load_pose, save_clip, save_pose
+from facelab.files.gltf import write_clip_glb, write_glb
+from facelab.files.meshes import write_obj, write_ply
+from facelab.files.poses import load_clip, load_pose, save_clip, save_pose
+from facelab.posing.clips import interpolate
 from facelab.widgets.errors import shows_errors
 from facelab.widgets.page import ItemList
 from facelab.widgets.posing_clips import OTHER_MODEL

@@ -6,12 +6,13 @@ import html
 import ipywidgets as widgets
 import numpy as np
 
-from facelab.datasets import load_example
-from facelab.deformation import bind
-from facelab.models import HolisticModel, RegionModel
+from facelab.data.examples import load_example
+from facelab.geometry.binding import bind
+from facelab.models.holistic import HolisticModel
+from facelab.models.region import RegionModel
 from facelab.plotting import region_colors
-from facelab.posing import PosingSession
-from facelab.segmentation import segment_face
+from facelab.posing.session import PosingSession
+from facelab.segmentation.segment import segment_face
 from facelab.widgets.errors import error_box, shows_errors
 from facelab.widgets.page import ROOT, Keys
 from facelab.widgets.posing_clips import ClipPanel

@@ -3,9 +3,9 @@
 import ipywidgets as widgets
 import numpy as np
 
+from facelab.data.registered import RegisteredActor
 from facelab.plotting import heat_colors
-from facelab.registered import RegisteredActor
-from facelab.sequences import register_sequence
+from facelab.registration.sequence import register_sequence
 from facelab.widgets.errors import error_box, shows_errors
 from facelab.widgets.viewer import FaceView
 

@@ -6,7 +6,7 @@ import warnings
 import ipywidgets as widgets
 
 from facelab.plotting import region_colors
-from facelab.segmentation import Likeness
+from facelab.segmentation.segment import Likeness
 from facelab.widgets.errors import error_box, shows_errors
 from facelab.widgets.viewer import FaceView
 

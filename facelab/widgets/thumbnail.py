@@ -6,7 +6,7 @@ import matplotlib.image
 import numpy as np
 from matplotlib.colors import to_rgb
 
-from facelab.mesh import vertex_normals
+from facelab.geometry.mesh import vertex_normals
 from facelab.plotting import SKIN
 from facelab.widgets.lining import Lining
 

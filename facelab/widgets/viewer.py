@@ -8,7 +8,7 @@ import pythreejs as three
 from matplotlib.colors import to_rgb
 from scipy.spatial.transform import Rotation
 
-from facelab.mesh import normals_operator, vertex_normals_by
+from facelab.geometry.mesh import normals_operator, vertex_normals_by
 from facelab.plotting import SKIN
 from facelab.widgets.lining import Lining
 

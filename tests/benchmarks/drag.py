@@ -42,7 +42,7 @@ def time_case(model, face, binding):
     vertex = face.landmarks["mouth_corner_left"]
     wanted = np.array([2.0, 4.0, 0.0])
     target = face.vertices[vertex] + wanted
-    ready = facelab.PoseSolver(model, binding=binding)
+    ready = facelab.posing.PoseSolver(model, binding=binding)
 
     def move():
         session.drag(vertex, target)
@@ -57,7 +57,7 @@ def time_case(model, face, binding):
 
     def assembled():
         model.boundary_ = model._boundary_matrix()
-        return solved(facelab.PoseSolver(model, binding=binding))
+        return solved(facelab.posing.PoseSolver(model, binding=binding))
 
     down = milliseconds(press)
     session.cancel()

@@ -17,7 +17,7 @@ from conftest import Lab
 
 CELL = """
 import facelab, numpy as np, time
-from facelab.expression_session import ALPHAS, ExpressionSession
+from facelab.expression.session import ALPHAS, ExpressionSession
 from facelab.widgets.expression_lab import ExpressionLab
 rig = AREA
 rng = np.random.default_rng(0)

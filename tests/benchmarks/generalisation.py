@@ -6,7 +6,7 @@ import numpy as np
 from setup import example_motion
 
 import facelab
-from facelab.evaluation import error_curves
+from facelab.models.evaluation import error_curves
 
 SIZES = (1, 2, 3, 5, 7, 10, 15, 20, 30, 40, 50)
 TOTALS = (10, 20, 30, 50, 70, 100, 150, 200, 300)

@@ -61,7 +61,7 @@ def measure(mesh, motion, n_drags=50, n_components=20):
     ]
     found = []
     for v in spread_over(mesh, n_drags):
-        ways = np.linalg.svd(facelab.PoseSolver(sessions[0].model).rows(v))[0]
+        ways = np.linalg.svd(facelab.posing.PoseSolver(sessions[0].model).rows(v))[0]
         found.append([shares(s, v, 8 * ways[:, 0], regions.labels) for s in sessions])
     return np.array(found).transpose(1, 0, 2)
 

@@ -17,16 +17,12 @@ from trimesh.registration import nricp_amberg
 import facelab
 from data_synth.capture import actor_rig
 from data_synth.template import build_template
-from facelab.alignment import procrustes
-from facelab.datasets import DataUnavailable
+from facelab.data.cache import DataUnavailable
+from facelab.geometry.alignment import procrustes
+from facelab.geometry.closest import closest_points
 from facelab.motion import MarkerSequence
-from facelab.registration import (
-    closest_points,
-    fit_markers,
-    fit_scan,
-    rest_markers,
-)
-from facelab.sequences import register_sequence
+from facelab.registration.fit import fit_markers, fit_scan, rest_markers
+from facelab.registration.sequence import register_sequence
 
 ACTORS = ("M1", "F1", "M2", "F2")
 
@@ -34,13 +30,13 @@ ACTORS = ("M1", "F1", "M2", "F2")
 def template(n_vertices):
     """The average face with its landmarks."""
     face = build_template(n_vertices=n_vertices)
-    names = dict(zip(facelab.MULTI_PIE, face.landmarks.tolist(), strict=True))
+    names = dict(zip(facelab.geometry.MULTI_PIE, face.landmarks.tolist(), strict=True))
     return facelab.TriangleMesh(face.vertices, face.faces, names)
 
 
 def fitted(actor, mesh):
     """A small capture, its fitted neutral, and the seconds that took."""
-    capture = facelab.load_capture(actor, size="small", progress=False)
+    capture = facelab.data.load_capture(actor, size="small", progress=False)
     positions, names = rest_markers([capture.markers(take) for take in capture.texts])
     start = time.perf_counter()
     fit = fit_markers(mesh, positions, names)
@@ -202,7 +198,7 @@ def scans(mesh):
     modes = np.stack(list(rig.identities.values()))
     print("\nscanned identities    s  distance mean, p95, all mm  drawn  landmarks not used mm")
     # contour landmarks of two conventions differ along the jaw: they are not held out
-    held = [n for n in facelab.MULTI_PIE if not n.startswith("jaw")][::4]
+    held = [n for n in facelab.geometry.MULTI_PIE if not n.startswith("jaw")][::4]
     for k in range(4):
         shift = np.tensordot(rng.normal(size=len(modes)) * (k > 0), modes, 1)
         scan = rig.neutral.with_vertices(rig.neutral.vertices + shift)

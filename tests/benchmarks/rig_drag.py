@@ -9,7 +9,7 @@ from setup import milliseconds
 from threadpoolctl import threadpool_limits
 
 import facelab
-from facelab.posing import RigSolver
+from facelab.posing.session import RigSolver
 
 
 def rigs():

@@ -21,7 +21,8 @@ from sklearn.metrics import adjusted_rand_score
 
 import facelab
 from facelab.motion import MotionSequence
-from facelab.segmentation import Likeness, affinity, motion_correlation
+from facelab.segmentation.affinity import affinity, motion_correlation
+from facelab.segmentation.segment import Likeness
 
 K, MOST, DENSE = 13, 30, 8820
 CUT, GROWTH = f"{K} regions", "growth of k"
@@ -29,7 +30,7 @@ CUT, GROWTH = f"{K} regions", "growth of k"
 
 def motion_of(n_vertices):
     """M1's motion on so many vertices, and where they lie on the dense face."""
-    capture = facelab.load_capture("M1")
+    capture = facelab.data.load_capture("M1")
     mesh, samples = capture.neutral, np.arange(DENSE)
     if n_vertices < DENSE:
         samples, mesh = mesh.subsample(n_vertices)
@@ -118,7 +119,7 @@ def main():
                     row += f" {others[name]:25.3f} {others[name] / spent:7.1f}"
                 print(row)
         coarse, direct = (np.load(f"{folder}/cut{n}.npz") for n in (397, DENSE))
-    dense = facelab.load_capture("M1").neutral
+    dense = facelab.data.load_capture("M1").neutral
     start = time.perf_counter()
     carried = coarse["labels"][dense.nearest_of(coarse["samples"])]
     print(f"{K} regions of 397 vertices carried over: {time.perf_counter() - start:.3f} s")

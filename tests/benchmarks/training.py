@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import facelab
-from facelab.models import load_model
+from facelab.models.store import load_model
 
 SOLVERS = ("covariance_eigh", "randomized", "full")
 N_REGIONS, N_COMPONENTS = 13, 30
@@ -25,7 +25,7 @@ N_REGIONS, N_COMPONENTS = 13, 30
 
 def make(folder):
     """Write the frames, float32, and the cut of the face into 13 regions on 397 vertices."""
-    capture = facelab.load_capture("M1")
+    capture = facelab.data.load_capture("M1")
     face, rng = capture.neutral, np.random.default_rng(0)
     samples, mesh = face.subsample(397)
     parts = []

@@ -13,9 +13,9 @@ import facelab
 from data_synth.action_units import STYLES, ActionUnitRig, actor_rig
 from data_synth.identity import ACTORS
 from data_synth.template import build_template
-from facelab.expression import prepare_units, regress_expression
-from facelab.registration import fit_scan
-from facelab.transfer import METHODS, IntermediateSpace, SimplifiedRig, UnitCarrier
+from facelab.expression.regression import prepare_units, regress_expression
+from facelab.expression.transfer import METHODS, IntermediateSpace, SimplifiedRig, UnitCarrier
+from facelab.registration.fit import fit_scan
 
 N_VERTICES = 4375
 PAIRS = (("M1", "F1"), ("F1", "M2"), ("M2", "F2"), ("F2", "M1"))

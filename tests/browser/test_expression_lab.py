@@ -7,7 +7,7 @@ from conftest import Lab
 
 CELL = """
 import facelab, numpy as np
-from facelab.expression_session import ExpressionSession
+from facelab.expression.session import ExpressionSession
 from facelab.widgets.expression_lab import ExpressionLab
 rig = facelab.load_example().rig
 small = rig.on(*rig.neutral.subsample(397))

@@ -1,0 +1,58 @@
+"""The four synthetic actors."""
+
+from facelab.data.cache import cache_dir
+from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+
+
+def load_capture(actor, size="default", random_state=0, root=None, progress=True):
+    """The marker capture of one of the four synthetic actors, made on first use and kept.
+
+    Parameters
+    ----------
+    actor : {"M1", "F1", "M2", "F2"}
+    size : {"default", "small"}
+        All takes at 120 frames a second (the largest, M1: 120 MB, half a minute), or a few at
+        60 on a coarse mesh, for tests.
+    random_state : int, default=0
+        All that happens follows from it; the actors' faces and manners do not change.
+    root : str or Path, optional
+        Where it is kept; else `cache_dir()`. One that is incomplete, damaged or out of date is
+        made again.
+    progress : bool, default=True
+        Show a progress bar while it is made.
+
+    Returns
+    -------
+    data_synth.capture.Capture
+        Its `takes` names the takes; `markers(take)` is what was captured, `truth(take)` and
+        `surface(take)` are what lies behind it.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an unknown actor or size, or a seed that is no integer of 0 or more.
+    """
+    from data_synth.capture import open_capture  # the one place where facelab asks for the actors
+
+    return open_capture(actor, root or cache_dir(), size, random_state, progress)
+
+
+def load_template(n_vertices=8820):
+    """The face that is fitted to all others: the average of the synthetic ones, with landmarks.
+
+    Parameters
+    ----------
+    n_vertices : int, default=8820
+        8,820 as in Tena et al., or 4,375 as in Yu and Liu.
+
+    Returns
+    -------
+    TriangleMesh
+        Millimetres, head frame.
+    """
+    from data_synth.template import build_template
+
+    face = build_template(n_vertices=n_vertices)
+    return TriangleMesh(
+        face.vertices, face.faces, dict(zip(MULTI_PIE, face.landmarks.tolist(), strict=True))
+    )

@@ -1,0 +1,97 @@
+"""The example that every lab starts with."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from facelab.data.cache import DataUnavailable
+from facelab.data.ict import eye_colors, load_ict_facekit, load_ict_props
+from facelab.data.takes import TAKES, load_take
+from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+from facelab.motion import WeightSequence
+from facelab.rig import BlendshapeRig
+
+
+@dataclass(frozen=True)
+class Example:
+    """A face with motion to learn from and motion to be tested on.
+
+    Parameters
+    ----------
+    about : str
+        What it is, real or synthetic, in a sentence.
+    rig : BlendshapeRig
+    train, test : WeightSequence
+        Two takes of one performer.
+    props : list of (TriangleMesh, colors)
+        Still parts to show with the face: eyes, the inside of the mouth.
+    """
+
+    about: str
+    rig: BlendshapeRig
+    train: WeightSequence
+    test: WeightSequence
+    props: list = field(repr=False)
+
+
+def load_example():
+    """The scanned face and two recorded takes, or a synthetic actor where they are not at hand.
+
+    Returns
+    -------
+    Example
+    """
+    try:
+        rig, props = load_ict_facekit(), load_ict_props()
+        train, test = (load_take(name) for name in TAKES)
+    except DataUnavailable as missing:
+        return _synthetic_example(str(missing))
+    about = (
+        "REAL data: the scanned face of ICT-FaceKit, moved by two recorded takes of one performer "
+        "(alex_rom_3 to learn from, alex_rom_4 to test)."
+    )
+    return Example(about, rig, train, test, props)
+
+
+def synthetic_props(face):
+    """The eyes and the dark of the mouth of a synthetic face, to be shown with it.
+
+    Parameters
+    ----------
+    face : data_synth.template.Template
+
+    Returns
+    -------
+    list of (TriangleMesh, colors)
+        Millimetres; colors of shape (n_vertices, 3), 0 to 1. Only the front of the eyeballs.
+    """
+    import trimesh
+
+    ball = trimesh.creation.icosphere(4)
+    front = TriangleMesh(ball.vertices, ball.faces).submesh(ball.vertices[:, 2] > 0.3)
+    props = []
+    for centre, radius in face.eyeballs.values():
+        spoke = radius * front.vertices
+        colors = eye_colors(spoke, np.array([0.0, 0.0, 1.0]), iris=5.9)
+        # a little back: lids drawn triangle by triangle would let the white through
+        props.append((front.with_vertices(centre + spoke - [0, 0, 0.6]), colors))
+    lips = face.vertices[face.landmarks[MULTI_PIE.index("mouth_inner_upper")]]
+    # bulging, so that its rim stays inside the cheeks when the jaw drops
+    dark = front.with_vertices(lips + [0, -11, -60] + front.vertices * [36, 32, 36])
+    return [*props, (dark, np.tile((0.28, 0.10, 0.09), (dark.n_vertices, 1)))]
+
+
+def _synthetic_example(why):
+    """Actor M1 of `data_synth`: a range of motion to learn from, sentences to be tested on."""
+    from data_synth.action_units import actor_rig
+    from data_synth.performance import SENTENCES, perform_rom, perform_sentence
+
+    rig = actor_rig("M1")
+    spoken = [perform_sentence("M1", name, fps=30).weights for name in list(SENTENCES)[:12]]
+    test = WeightSequence(np.concatenate([s.weights for s in spoken]), rig.names, 30)
+    about = (
+        "SYNTHETIC data: actor M1 of data_synth, a face made by code, with performed motion. "
+        f"(Real data: {why})"
+    )
+    props = synthetic_props(rig.template)
+    return Example(about, rig.linear(), perform_rom("M1", fps=30).weights, test, props)

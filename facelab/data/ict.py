@@ -1,0 +1,183 @@
+"""Ready data: the scanned face of ICT-FaceKit and recorded performances to drive it.
+
+Each is looked for in this order: an argument, an environment variable, the cache; else it is
+downloaded once, with checksums. `python -m facelab.data` does that ahead of time.
+"""
+
+import hashlib
+import json
+import os
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from tqdm.auto import tqdm
+
+from facelab.checks import check_choice
+from facelab.data.cache import CACHE_VERSION, cache_dir, download
+from facelab.files.meshes import read_obj, read_obj_vertices
+from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+from facelab.rig import BlendshapeRig
+from facelab.storage import load_npz, save_npz
+
+ICT_URL = "https://raw.githubusercontent.com/ICT-VGL/ICT-FaceKit/da5f95a/FaceXModel/"
+
+
+ICT_AREAS = {"narrow": (6706, 6560), "face": (9409, 9230), "all": (26719, 26384)}
+"""Parts of the ICT mesh: number of vertices and polygons, counted from the first."""
+
+
+def _ict_checksums():
+    text = resources.files("facelab.data").joinpath("ict_sha256.txt").read_text()
+    return {name: digest for digest, name in (line.split() for line in text.splitlines())}
+
+
+def _ict_folder(root):
+    """Folder with the ICT files, or None where they must be downloaded."""
+    named = root or os.environ.get("FACELAB_ICT")
+    if not named:
+        return None
+    for folder in (Path(named) / "FaceXModel", Path(named)):
+        if (folder / "generic_neutral_mesh.obj").is_file():
+            return folder
+    raise FileNotFoundError(
+        f"{'root' if root else 'FACELAB_ICT'}={str(named)!r} holds no FaceXModel/"
+        "generic_neutral_mesh.obj; give the folder of a clone of ICT-FaceKit."
+    )
+
+
+def load_ict_facekit(root=None, area="narrow", n_identities=0):
+    """The scanned face of ICT-FaceKit: neutral, 68 landmarks, 53 expressions.
+
+    The files are parsed once and kept in the cache.
+
+    Parameters
+    ----------
+    root : str or Path, optional
+        A clone of ICT-FaceKit; else the environment variable `FACELAB_ICT`, the cache, or a
+        download of the pinned files (150 MB).
+    area : {"narrow", "face", "all"}
+        Without ears and neck (6,706 vertices), with them (9,409), or with eyes, teeth and the
+        inside of the mouth (26,719).
+    n_identities : int, default=0
+        Identity modes to load, 0 to 100.
+
+    Returns
+    -------
+    BlendshapeRig
+        Millimetres. Names as in the source (`mouthSmile_L`; left and right are the person's).
+
+    Raises
+    ------
+    DataUnavailable
+        If the files are not on this machine and cannot be downloaded.
+    FileNotFoundError, ValueError
+        For a folder without the files, an unknown area, damaged files.
+
+    References
+    ----------
+    Li et al., Learning Formation of Physically-Based Face Attributes, CVPR 2020.
+    """
+    check_choice(area, "area", tuple(ICT_AREAS))
+    if not 0 <= n_identities <= 100:
+        raise ValueError(f"n_identities={n_identities}, but ICT-FaceKit has 100: 0 to 100.")
+    n_vertices, n_polygons = ICT_AREAS[area]
+    data = _ict_arrays(_ict_folder(root), n_identities)
+    faces = data["faces"][data["polygon"] < n_polygons]
+    landmarks = dict(zip(MULTI_PIE, data["landmarks"].tolist(), strict=True))
+    neutral = TriangleMesh(data["neutral"][:n_vertices], faces, landmarks)
+    identities = {
+        f"identity{i:03d}": shift[:n_vertices] for i, shift in enumerate(data["identities"])
+    }
+    names = tuple(data["names"].tolist())
+    return BlendshapeRig(neutral, names, data["deltas"][:, :n_vertices], identities)
+
+
+def load_ict_props(root=None):
+    """The eyeballs and the inside of the mouth of ICT-FaceKit, to be shown with the face.
+
+    Returns
+    -------
+    list of (TriangleMesh, colors)
+        Millimetres; colors of shape (n_vertices, 3), 0 to 1, chosen here: the source has none.
+    """
+    head = load_ict_facekit(root, "all").neutral
+    mouth = head.submesh(np.arange(11248, 13294))
+    props = [(mouth, np.tile((0.28, 0.10, 0.09), (mouth.n_vertices, 1)))]
+    mesh = head.submesh(np.arange(21451, 24591))
+    for piece in (0, 2):  # the cornea's shell of each eye; the others lie within
+        eye = mesh.submesh(mesh.pieces == piece)
+        middle = (eye.vertices.min(axis=0) + eye.vertices.max(axis=0)) / 2
+        spoke = eye.vertices - middle
+        ahead = spoke[np.linalg.norm(spoke, axis=1).argmax()]  # where the cornea bulges
+        props.append((eye, eye_colors(spoke, ahead / np.linalg.norm(ahead), iris=6.6)))
+    return props
+
+
+def eye_colors(spoke, ahead, iris):
+    """White, iris and pupil by distance from the axis of the eye; `iris` is a radius in mm."""
+    off_axis = np.linalg.norm(np.cross(spoke, ahead), axis=1)
+    off_axis[spoke @ ahead < 0] = np.inf
+    colors = np.tile((0.93, 0.92, 0.90), (len(spoke), 1))
+    colors[off_axis < iris] = (0.30, 0.22, 0.16)
+    colors[off_axis < 0.4 * iris] = (0.03, 0.03, 0.03)
+    return colors
+
+
+def _ict_arrays(folder, n_identities):
+    """All of ICT-FaceKit as arrays in millimetres, from the cache if it was parsed before."""
+    checksums = _ict_checksums()
+    if folder is None:
+        stamp = "pinned"
+    else:
+        about = [(str(f), f.stat().st_size, f.stat().st_mtime_ns) for f in sorted(folder.iterdir())]
+        stamp = hashlib.sha256(repr(about).encode()).hexdigest()[:12]
+    parsed = cache_dir() / f"ict_{stamp}_{n_identities}.npz"
+    if parsed.exists():
+        try:
+            return load_npz(parsed, "ict-facekit", CACHE_VERSION)
+        except ValueError:
+            parsed.unlink()  # half-written or of an older version: made again
+
+    def file(name):
+        if folder is None:
+            return download(ICT_URL, name, checksums[name], cache_dir() / "ICT-FaceKit")
+        return folder / name
+
+    try:
+        index = json.loads(file("vertex_indices.json").read_text())
+    except ValueError as error:
+        raise ValueError(f"{file('vertex_indices.json')} is damaged ({error}).") from error
+    names = index["expressions"]
+    shapes = [*names, *(f"identity{i:03d}" for i in range(n_identities))]
+    cm_to_mm = 10.0
+    mesh = read_obj(file("generic_neutral_mesh.obj"))
+    if mesh.n_vertices != ICT_AREAS["all"][0]:
+        raise ValueError(
+            f"{file('generic_neutral_mesh.obj')} has {mesh.n_vertices} vertices, but ICT-FaceKit "
+            f"has {ICT_AREAS['all'][0]}; clone the repository again."
+        )
+    V = mesh.vertices * cm_to_mm
+    deltas = np.empty((len(shapes), len(V), 3), dtype=np.float32)
+    for k, name in enumerate(tqdm(shapes, desc="ICT-FaceKit", unit="shape")):
+        shape = read_obj_vertices(file(f"{name}.obj"))
+        if shape.shape != V.shape:
+            raise ValueError(f"{name}.obj has {len(shape)} vertices, the neutral {len(V)}.")
+        deltas[k] = shape * cm_to_mm - V
+    arrays = dict(
+        neutral=V,
+        faces=mesh.faces,
+        polygon=_polygon_of_each_face(file("generic_neutral_mesh.obj")),
+        landmarks=np.array(index["idx_to_landmark_verts"]),
+        names=np.array(names),
+        deltas=deltas[: len(names)],
+        identities=deltas[len(names) :],
+    )
+    save_npz(parsed, "ict-facekit", CACHE_VERSION, **arrays)
+    return arrays
+
+
+def _polygon_of_each_face(path):
+    """Number of the polygon that each triangle of `read_obj` comes from."""
+    corners = [len(line.split()) - 1 for line in path.read_text().splitlines() if line[:2] == "f "]
+    return np.repeat(np.arange(len(corners)), np.array(corners) - 2)

@@ -1,0 +1,31 @@
+"""A rough sketch becomes action units, and goes to other faces (Yu and Liu 2014)."""
+
+from facelab.expression.regression import (
+    CRITERIA,
+    ExpressionFit,
+    held_out_error,
+    least_squares,
+    regress_expression,
+    two_step,
+)
+from facelab.expression.sequence import regress_sequence
+from facelab.expression.session import ExpressionSession
+from facelab.expression.transfer import METHODS, IntermediateSpace, SimplifiedRig, UnitCarrier
+from facelab.expression.units import UnitBasis, prepare_units
+
+__all__ = [
+    "CRITERIA",
+    "METHODS",
+    "ExpressionFit",
+    "ExpressionSession",
+    "IntermediateSpace",
+    "SimplifiedRig",
+    "UnitBasis",
+    "UnitCarrier",
+    "held_out_error",
+    "least_squares",
+    "prepare_units",
+    "regress_expression",
+    "regress_sequence",
+    "two_step",
+]

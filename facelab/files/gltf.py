@@ -1,0 +1,247 @@
+"""Faces with morph targets and animation as GLB, the binary form of glTF 2.0.
+
+glTF counts in metres, y up, z towards the viewer: the head frame in another unit.
+"""
+
+import numpy as np
+
+from facelab.checks import as_finite, check_choice
+from facelab.geometry.mesh import TriangleMesh
+from facelab.posing.clips import check_clip
+from facelab.rig import BlendshapeRig
+from facelab.storage import atomic_path
+
+_METRES = 1e-3  # for a millimetre
+_STILL = 1e-9  # metres: smaller displacements are left out of sparse targets
+
+
+def write_glb(
+    path, mesh, deltas=None, names=None, times=None, weights=None, interpolation="LINEAR"
+):
+    """Write a face, its morph targets and their animation as GLB, whole or not at all.
+
+    Targets that move few vertices are stored sparsely. Names go to `mesh.extras.targetNames`,
+    where Blender, three.js and others look for them.
+
+    Parameters
+    ----------
+    path : str or Path
+        Ending in .glb.
+    mesh : TriangleMesh
+        The face at rest, millimetres; metres in the file.
+    deltas : ndarray of shape (n_targets, n_vertices, 3), optional
+        Displacement of every vertex at weight 1, millimetres.
+    names : sequence of str, optional
+        Of the targets, each once.
+    times : ndarray of shape (n_keys,), optional
+        Seconds, 0 or more, ascending.
+    weights : ndarray of shape (n_keys, n_targets), optional
+        Of the targets at those times; the face rests at weights of 0 without them.
+    interpolation : {"LINEAR", "STEP", "SMOOTH"}
+        Between keys. SMOOTH is a cubic spline at rest in every key: 3 s^2 - 2 s^3.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For shapes that do not fit, names twice, times that do not ascend, or what is no mesh;
+        nothing is written.
+
+    References
+    ----------
+    Khronos Group, glTF 2.0 specification, sections 3.6, 3.7 and 3.11.
+    """
+    check_choice(interpolation, "interpolation", ("LINEAR", "STEP", "SMOOTH"))
+    if not isinstance(mesh, TriangleMesh):
+        raise TypeError(f"mesh is a {type(mesh).__name__}; give a TriangleMesh.")
+    n = mesh.n_vertices
+    deltas = np.zeros((0, n, 3)) if deltas is None else deltas
+    deltas = as_finite(deltas, "deltas", ("n_targets", n, 3))
+    names = [f"target {k + 1}" for k in range(len(deltas))] if names is None else list(names)
+    if len(names) != len(deltas):
+        raise ValueError(f"names has {len(names)} entries, but deltas has {len(deltas)} targets.")
+    twice = sorted({m for m in names if names.count(m) > 1})
+    if twice:
+        raise ValueError(f"names holds {', '.join(twice)} more than once; each needs its own.")
+    if (times is None) != (weights is None):
+        raise ValueError("times and weights belong together; give both or neither.")
+    if times is not None:
+        times = as_finite(times, "times", ("n_keys",))
+        weights = as_finite(weights, "weights", (len(times), len(deltas)))
+        if not len(times) or times[0] < 0 or (np.diff(times.astype(np.float32)) <= 0).any():
+            raise ValueError("times must ascend from 0 or more (in float32), each once.")
+        if not len(deltas):
+            raise ValueError("times are given, but no deltas that could be animated.")
+    file = _File()
+    file.add_mesh(mesh, deltas, [str(m) for m in names])
+    if times is not None:
+        file.add_animation(times, weights, interpolation)
+    data = file.bytes()
+    with atomic_path(path) as part:
+        part.write_bytes(data)
+
+
+def write_clip_glb(path, clip, session):
+    """Write a key-framed clip as an animated GLB.
+
+    With a blendshape rig its units are the morph targets, names kept; with another model each key
+    pose is one, called as in the clip. Between keys the file moves as the clip does.
+
+    Parameters
+    ----------
+    path : str or Path
+    clip : Clip
+    session : PosingSession
+        Whose model made the clip's poses.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For a clip of another number of coefficients, or what is no clip; nothing is written.
+    """
+    check_clip(clip, session)
+    way = {"smooth": "SMOOTH", "linear": "LINEAR"}[clip.easing]
+    if isinstance(session.model, BlendshapeRig):
+        rest = session.neutral.vertices
+        deltas = session.vertices_of(np.eye(clip.poses.shape[1])) - rest
+        write_glb(path, session.neutral, deltas, session.model.names, clip.times, clip.poses, way)
+        return
+    deltas = session.vertices_of(clip.poses) - session.neutral.vertices
+    shares = np.eye(len(clip.times))
+    write_glb(path, session.neutral, deltas, _distinct(clip.names), clip.times, shares, way)
+
+
+def _distinct(names):
+    """Names, those that stand twice numbered."""
+    found = []
+    for name in names:
+        new, k = name, 1
+        while new in found:
+            k += 1
+            new = f"{name} ({k})"
+        found.append(new)
+    return found
+
+
+class _File:
+    """A GLB in the making: one buffer, and what describes it."""
+
+    def __init__(self):
+        import pygltflib
+
+        self._g = pygltflib
+        self._data = bytearray()
+        self._gltf = pygltflib.GLTF2(
+            asset=pygltflib.Asset(version="2.0", generator="facelab"),
+            scene=0,
+            scenes=[pygltflib.Scene(nodes=[0])],
+            nodes=[pygltflib.Node(name="face", mesh=0)],
+            materials=[
+                pygltflib.Material(
+                    name="skin",
+                    doubleSided=True,
+                    pbrMetallicRoughness=pygltflib.PbrMetallicRoughness(
+                        baseColorFactor=[0.80, 0.62, 0.53, 1.0],
+                        metallicFactor=0.0,
+                        roughnessFactor=0.6,
+                    ),
+                )
+            ],
+        )
+
+    def _view(self, array, target=None):
+        """A buffer view of an array, and its index."""
+        self._data += bytes(-len(self._data) % 4)
+        view = self._g.BufferView(
+            buffer=0, byteOffset=len(self._data), byteLength=array.nbytes, target=target
+        )
+        self._data += array.tobytes()
+        self._gltf.bufferViews.append(view)
+        return len(self._gltf.bufferViews) - 1
+
+    def _accessor(self, array, kind, target=None, bounds=False, sparse=None):
+        """An accessor of an array (or of zeros changed sparsely), and its index."""
+        types = {
+            "<f4": self._g.FLOAT,
+            "<u4": self._g.UNSIGNED_INT,
+        }
+        at = self._g.Accessor(
+            componentType=types[array.dtype.str], count=len(array), type=kind, byteOffset=None
+        )
+        if bounds:
+            low, high = np.atleast_1d(array.min(axis=0)), np.atleast_1d(array.max(axis=0))
+            at.min, at.max = low.astype(float).tolist(), high.astype(float).tolist()
+        if sparse is None:
+            at.bufferView, at.byteOffset = self._view(array, target), 0
+        else:
+            at.sparse = self._g.Sparse(
+                count=len(sparse),
+                indices=self._g.AccessorSparseIndices(
+                    bufferView=self._view(sparse.astype("<u4")), componentType=self._g.UNSIGNED_INT
+                ),
+                values=self._g.AccessorSparseValues(bufferView=self._view(array[sparse])),
+            )
+        self._gltf.accessors.append(at)
+        return len(self._gltf.accessors) - 1
+
+    def add_mesh(self, mesh, deltas, names):
+        g = self._g
+        position = self._accessor(
+            (mesh.vertices * _METRES).astype("<f4"), g.VEC3, g.ARRAY_BUFFER, bounds=True
+        )
+        normal = self._accessor(_unit_normals(mesh).astype("<f4"), g.VEC3, g.ARRAY_BUFFER)
+        index = self._accessor(mesh.faces.ravel().astype("<u4"), g.SCALAR, g.ELEMENT_ARRAY_BUFFER)
+        targets = [{"POSITION": self._target(delta)} for delta in deltas]
+        part = g.Primitive(
+            attributes=g.Attributes(POSITION=position, NORMAL=normal),
+            indices=index,
+            material=0,
+            mode=g.TRIANGLES,
+            targets=targets,
+        )
+        shape = g.Mesh(name="face", primitives=[part])
+        if targets:
+            shape.weights, shape.extras = [0.0] * len(targets), {"targetNames": names}
+        self._gltf.meshes.append(shape)
+
+    def _target(self, delta):
+        delta = (delta * _METRES).astype("<f4")
+        moved = np.flatnonzero((np.abs(delta) > _STILL).any(axis=1))
+        if 4 * len(moved) >= 3 * len(delta):  # an index and three numbers against three numbers
+            return self._accessor(delta, self._g.VEC3, self._g.ARRAY_BUFFER, bounds=True)
+        moved = moved if len(moved) else np.array([0])  # none at all is not allowed
+        small = np.zeros_like(delta)
+        small[moved] = delta[moved]
+        return self._accessor(small, self._g.VEC3, bounds=True, sparse=moved)
+
+    def add_animation(self, times, weights, interpolation):
+        g = self._g
+        if interpolation == "SMOOTH":  # tangent in, value, tangent out of each key
+            still = np.zeros_like(weights)
+            weights, interpolation = np.stack([still, weights, still], axis=1), "CUBICSPLINE"
+        moment = self._accessor(times.astype("<f4"), g.SCALAR, bounds=True)
+        value = self._accessor(weights.ravel().astype("<f4"), g.SCALAR)
+        self._gltf.animations.append(
+            g.Animation(
+                name="clip",
+                samplers=[
+                    g.AnimationSampler(input=moment, output=value, interpolation=interpolation)
+                ],
+                channels=[
+                    g.AnimationChannel(
+                        sampler=0, target=g.AnimationChannelTarget(node=0, path="weights")
+                    )
+                ],
+            )
+        )
+
+    def bytes(self):
+        self._gltf.buffers = [self._g.Buffer(byteLength=len(self._data))]
+        self._gltf.set_binary_blob(bytes(self._data))
+        return b"".join(self._gltf.save_to_bytes())
+
+
+def _unit_normals(mesh):
+    """Normals of length one, also where triangles have no area."""
+    normals = mesh.normals
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.where(length > 0.5, normals, [0.0, 0, 1])

@@ -1,0 +1,49 @@
+"""Meshes and what moves them: alignment, deformation, bindings, symmetry."""
+
+from facelab.geometry.alignment import (
+    Alignment,
+    HeadMotion,
+    procrustes,
+    rigid_motion,
+    rigid_weights,
+)
+from facelab.geometry.binding import LinearBinding, SurfaceBinding, bind, bind_to_surface
+from facelab.geometry.closest import closest_points
+from facelab.geometry.deformation import LaplacianDeformer, laplacian_deform
+from facelab.geometry.mesh import MULTI_PIE, TriangleMesh, vertex_normals
+from facelab.geometry.symmetry import (
+    mirror_agreement,
+    mirror_partners,
+    mirror_twins,
+    mirror_weights,
+    mirrored,
+    one_sided,
+    other_side,
+    symmetrised,
+)
+
+__all__ = [
+    "MULTI_PIE",
+    "Alignment",
+    "HeadMotion",
+    "LaplacianDeformer",
+    "LinearBinding",
+    "SurfaceBinding",
+    "TriangleMesh",
+    "bind",
+    "bind_to_surface",
+    "closest_points",
+    "laplacian_deform",
+    "mirror_agreement",
+    "mirror_partners",
+    "mirror_twins",
+    "mirror_weights",
+    "mirrored",
+    "one_sided",
+    "other_side",
+    "procrustes",
+    "rigid_motion",
+    "rigid_weights",
+    "symmetrised",
+    "vertex_normals",
+]

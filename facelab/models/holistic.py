@@ -1,0 +1,27 @@
+"""The holistic model: one region, the whole face."""
+
+from facelab.models.region import RegionModel
+
+
+class HolisticModel(RegionModel):
+    """One PCA for the whole face: a `RegionModel` with a single region.
+
+    Parameters
+    ----------
+    n_components : int or float, default=30
+        Number of modes, or share of the variance.
+    random_state : int, RandomState or None, default=0
+
+    References
+    ----------
+    Tena et al. 2011, Eq. 1 to 4.
+    """
+
+    regions = None
+    beta = 0.0
+    spread = "each"
+    blending = "mean"
+
+    def __init__(self, n_components=30, random_state=0):
+        self.n_components = n_components
+        self.random_state = random_state

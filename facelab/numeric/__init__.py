@@ -1,0 +1,1 @@
+"""What the mathematics of faces rests on, and nothing of faces in it."""

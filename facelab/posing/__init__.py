@@ -1,0 +1,20 @@
+"""Poses by hand: pins, drags, sliders, clips (Tena et al. 2011, sections 3.2 and 6)."""
+
+from facelab.posing.clips import Clip, interpolate
+from facelab.posing.log import replay
+from facelab.posing.rig_solver import RigSolver
+from facelab.posing.sculpt import Sculpt
+from facelab.posing.session import PosingSession
+from facelab.posing.solver import PoseSolver
+from facelab.posing.state import PoseState
+
+__all__ = [
+    "Clip",
+    "PoseSolver",
+    "PoseState",
+    "PosingSession",
+    "RigSolver",
+    "Sculpt",
+    "interpolate",
+    "replay",
+]

@@ -1,0 +1,157 @@
+"""Poses in time: clips, and what is between two poses."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from facelab.checks import as_finite, check_choice, check_index, check_number
+from facelab.posing.solver import sizes_of
+from facelab.posing.state import frozen_copy
+
+
+def interpolate(a, b, share):
+    """Coefficients between two poses: a at share 0, b at 1, shape (P,).
+
+    Parameters
+    ----------
+    a, b : PoseState
+        Of the same model.
+    share : float
+        0 to 1.
+    """
+    share = check_number(share, "share", low=0, high=1)
+    if a.model is not b.model:
+        raise ValueError("a and b are poses of two models; restore one and `use` the other's.")
+    return (1 - share) * a.coefficients + share * b.coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """Poses at times, and what is between them. Its arrays are copies that cannot be written to.
+
+    Parameters
+    ----------
+    times : array_like of shape (K,)
+        Seconds, 0 or more, ascending.
+    poses : array_like of shape (K, P)
+        Coefficients, counted from the neutral.
+    easing : {"smooth", "linear"}
+        Between two poses the share of the second rises as 3 s^2 - 2 s^3 (at rest in every key) or
+        as s. It never leaves the way from one to the other: weights of a rig stay within [0, 1].
+    names : sequence of str, optional
+        Of the key poses.
+
+    Raises
+    ------
+    ValueError
+        For times that do not ascend, poses that are not finite, or names of another number.
+    """
+
+    times: np.ndarray
+    poses: np.ndarray
+    easing: str = "smooth"
+    names: tuple = None
+
+    def __post_init__(self):
+        times = as_finite(self.times, "times", ("n_keys",))
+        poses = as_finite(self.poses, "poses", (len(times), "P"))
+        if not len(times):
+            raise ValueError("times is empty: a clip needs at least one key.")
+        if times[0] < 0 or (np.diff(times) <= 0).any():
+            raise ValueError(f"times={times.tolist()} must ascend from 0 or more, each once.")
+        names = self.names
+        names = [f"key {k + 1}" for k in range(len(times))] if names is None else names
+        names = tuple(map(str, names))
+        if len(names) != len(times):
+            raise ValueError(f"names has {len(names)} entries for {len(times)} keys.")
+        check_choice(self.easing, "easing", ("smooth", "linear"))
+        values = {"times": frozen_copy(times), "poses": frozen_copy(poses), "names": names}
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def of(cls, keys, easing="smooth"):
+        """A clip of (seconds, `PoseState`) pairs in any order; all of one model."""
+        keys = sorted(keys, key=lambda key: key[0])
+        if len({id(state.model) for _, state in keys}) > 1:
+            raise ValueError("keys are poses of several models; a clip needs one.")
+        return cls([t for t, _ in keys], [state.coefficients for _, state in keys], easing)
+
+    @property
+    def duration(self):
+        """Seconds up to the last key."""
+        return float(self.times[-1])
+
+    def with_key(self, seconds, coefficients, name=None):
+        """The clip with one more pose, or another one at a time that has one already."""
+        if hasattr(coefficients, "coefficients"):  # a PoseState
+            coefficients = coefficients.coefficients
+        coefficients = as_finite(coefficients, "coefficients", self.poses.shape[1:])
+        seconds = check_number(seconds, "seconds", low=0)
+        keep = self.times != seconds
+        times = np.append(self.times[keep], seconds)
+        poses = np.vstack([self.poses[keep], coefficients])
+        names = [n for n, k in zip(self.names, keep, strict=True) if k]
+        names.append(f"key {len(names) + 1}" if name is None else name)
+        order = np.argsort(times)
+        return Clip(times[order], poses[order], self.easing, [names[i] for i in order])
+
+    def without_key(self, index):
+        """The clip without one of its keys."""
+        index = check_index(index, "index", len(self.times), "keys")
+        keep = np.arange(len(self.times)) != index
+        names = [n for n, k in zip(self.names, keep, strict=True) if k]
+        return Clip(self.times[keep], self.poses[keep], self.easing, names)
+
+    def moved_key(self, index, seconds):
+        """The clip with one of its keys at another time."""
+        index = check_index(index, "index", len(self.times), "keys")
+        times = self.times.copy()
+        times[index] = check_number(seconds, "seconds", low=0)
+        order = np.argsort(times, kind="stable")
+        names = [self.names[i] for i in order]
+        return Clip(times[order], self.poses[order], self.easing, names)
+
+    def shares(self, seconds):
+        """How much of each key pose there is at some times: (n, K), rows sum to one."""
+        seconds = np.atleast_1d(np.asarray(seconds, dtype=float))
+        shares = np.zeros((len(seconds), len(self.times)))
+        rows = np.arange(len(seconds))
+        k = np.searchsorted(self.times, seconds, side="right").clip(1, len(self.times)) - 1
+        after = np.minimum(k + 1, len(self.times) - 1)
+        gap = np.where(after > k, self.times[after] - self.times[k], 1)
+        s = ((seconds - self.times[k]) / gap).clip(0, 1) * (after > k)
+        if self.easing == "smooth":
+            s = s * s * (3 - 2 * s)
+        shares[rows, k] = 1 - s
+        shares[rows, after] += s
+        return shares
+
+    def at(self, seconds):
+        """Coefficients at a time, shape (P,); before the first key and after the last, theirs."""
+        return self.shares(check_number(seconds, "seconds"))[0] @ self.poses
+
+    def sample(self, fps=30.0):
+        """The clip at a steady beat.
+
+        Returns
+        -------
+        times : ndarray of shape (n_frames,)
+            Seconds, from 0 to the last beat within the clip.
+        coefficients : ndarray of shape (n_frames, P)
+        """
+        fps = check_number(fps, "fps", above=0)
+        times = np.arange(int(np.floor(self.duration * fps + 1e-9)) + 1) / fps
+        return times, self.shares(times) @ self.poses
+
+
+def check_clip(clip, session):
+    """Refuse what is no `Clip`, or one whose poses the session's model cannot have."""
+    if not isinstance(clip, Clip):
+        raise TypeError(f"clip is a {type(clip).__name__}; give a Clip.")
+    P, found = sizes_of(session.model)[1], clip.poses.shape[1]
+    if found != P:
+        raise ValueError(
+            f"clip has {found} coefficients in each pose, but the session's model has {P}; use the "
+            "model that made the clip."
+        )

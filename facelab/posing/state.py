@@ -1,0 +1,136 @@
+"""One moment of a posing session, as a value."""
+
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from facelab.checks import as_finite, check_index, check_number
+from facelab.posing.fingerprint import differs, fingerprint
+from facelab.posing.solver import sizes_of
+
+
+def frozen_copy(array):
+    """A copy as float64 that cannot be written to."""
+    array = np.array(array, dtype=float)
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class PoseState:
+    """One moment of a session: all that decides the pose. Keep it to come back to it.
+
+    It has copies of its own of all arrays, and they cannot be written to.
+
+    Parameters
+    ----------
+    model : RegionModel, HolisticModel or BlendshapeRig
+    pins : mapping of int to ndarray of shape (3,)
+        Vertex of the shown face to wanted displacement from the neutral, millimetres.
+    beta, gamma : float
+    c_0 : ndarray of shape (P,)
+        Pose that was kept before the pins were set.
+    coefficients : ndarray of shape (P,)
+        The answer.
+    molded : ndarray of shape (P,)
+        What sliders have added to c_0.
+    weights : mapping of int to float
+        Of the pins, where not 1.
+    locked : frozenset of int
+        Pins that no drag moves.
+    limit : float or None
+        Standard deviations, see `PoseSolver`.
+    """
+
+    model: object = field(repr=False)
+    pins: MappingProxyType
+    beta: float
+    gamma: float
+    c_0: np.ndarray = field(repr=False)
+    coefficients: np.ndarray = field(repr=False)
+    molded: np.ndarray = field(repr=False)
+    weights: MappingProxyType = field(default_factory=dict)
+    locked: frozenset = frozenset()
+    limit: float | None = None
+
+    def __post_init__(self):
+        pins = {v: frozen_copy(t) for v, t in self.pins.items()}
+        values = {"pins": MappingProxyType(pins), "weights": MappingProxyType(dict(self.weights))}
+        for name in ("c_0", "coefficients", "molded"):
+            values[name] = frozen_copy(getattr(self, name))
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def same(self, other):
+        """Whether nothing at all differs."""
+        return (
+            self.model is other.model
+            and (self.beta, self.gamma, self.limit) == (other.beta, other.gamma, other.limit)
+            and (self.locked, dict(self.weights)) == (other.locked, dict(other.weights))
+            and self.pins.keys() == other.pins.keys()
+            and all(np.array_equal(t, other.pins[v]) for v, t in self.pins.items())
+            and np.array_equal(self.c_0, other.c_0)
+            and np.array_equal(self.molded, other.molded)
+            and np.array_equal(self.coefficients, other.coefficients)
+        )
+
+
+def state_to_dict(state):
+    """A `PoseState` for JSON; numbers keep every bit."""
+    return {
+        "model": fingerprint(state.model),
+        "beta": state.beta,
+        "gamma": state.gamma,
+        "limit": state.limit,
+        "pins": [
+            {
+                "vertex": int(v),
+                "displacement": np.asarray(t).tolist(),
+                "weight": state.weights.get(v, 1.0),
+                "locked": v in state.locked,
+            }
+            for v, t in state.pins.items()
+        ],
+        "c_0": state.c_0.tolist(),
+        "molded": state.molded.tolist(),
+        "coefficients": state.coefficients.tolist(),
+    }
+
+
+def state_from_dict(stored, session, models=()):
+    """The `PoseState` of a dict, checked against the session."""
+    model = find_model(stored["model"], session, models)
+    n = session.neutral.n_vertices
+    pins, weights, locked = {}, {}, set()
+    for pin in stored["pins"]:
+        v = check_index(pin["vertex"], "vertex", n, "vertices of the face")
+        pins[v] = as_finite(pin["displacement"], f"displacement of pin {v}", (3,))
+        weight = check_number(pin["weight"], f"weight of pin {v}", above=0)
+        weights |= {} if weight == 1 else {v: weight}
+        locked |= {v} if pin["locked"] else set()
+    P = sizes_of(model)[1]
+    arrays = {x: as_finite(stored[x], x, (P,)) for x in ("c_0", "molded", "coefficients")}
+    limit = stored["limit"]
+    return replace(
+        session.state,
+        model=model,
+        beta=check_number(stored["beta"], "beta", low=0),
+        gamma=check_number(stored["gamma"], "gamma", above=0),
+        limit=limit if limit is None else check_number(limit, "limit", above=0),
+        pins=pins,
+        weights=weights,
+        locked=frozenset(locked),
+        **arrays,
+    )
+
+
+def find_model(stored, session, models):
+    """The model of a fingerprint: the session's own, one that it had before, or one given."""
+    given = models.values() if isinstance(models, dict) else models
+    reasons = []
+    for model in (*session.models, *given):
+        reasons.append(differs(stored, fingerprint(model)))
+        if not reasons[-1]:
+            return model
+    raise ValueError(f"it was made with another model: {reasons[0]}; use that model.")

@@ -1,0 +1,336 @@
+"""From markers, or a scan, to one mesh in full correspondence.
+
+Once for each face: a similarity and a smooth warp by landmarks, then matching to the surface from
+coarse to fine. With the layout of the markers then fixed, the dense motion is a linear function of
+theirs: `MarkerLayout`; `facelab.sequences` applies it to whole takes. Lengths are millimetres.
+
+Tena et al. 2011, section 4.1, name Tena et al. 2006 for the method and describe none; that text is
+not at hand, so the design is ours. The energy that trades fit against smoothness is that
+of a Gaussian field on the surface (Lindgren, Rue and Lindstroem 2011), so its settings are lengths:
+how far a deformation reaches, how large it is, how exact the markers are.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.interpolate import RBFInterpolator
+
+from facelab.checks import check_choice, check_number
+from facelab.geometry.alignment import Alignment, check_like, procrustes, rigid_motion
+from facelab.geometry.closest import closest_among, closest_points
+from facelab.geometry.mesh import TriangleMesh
+from facelab.motion import MarkerSequence
+from facelab.registration.layout import MarkerLayout
+from facelab.registration.warp import GLUED, PRESETS, SEEN, Preset, relaxed, rows, sliding
+
+_NEEDED = 6  # landmarks, for a warp in three directions that is not exact by chance
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A template fitted to a face.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The template in the shape of the face, in the template's own head frame.
+    alignment : Alignment
+        From the frame of the data to the head frame; no scale.
+    steps : dict of str to ndarray of shape (n_vertices, 3)
+        The shape after each step: "similarity", "warp", then "stage 1" and on.
+    landmarks : tuple of str
+        Those that gave the start.
+    residuals : ndarray of shape (n_points,)
+        Distance that is left at each marker, or at each matched vertex of a scan, millimetres.
+    preset : Preset
+    """
+
+    mesh: TriangleMesh
+    alignment: Alignment
+    steps: dict = field(repr=False)
+    landmarks: tuple = field(repr=False)
+    residuals: np.ndarray = field(repr=False)
+    preset: Preset = field(repr=False)
+
+    @property
+    def rms(self):
+        """Root mean squared of `residuals`, millimetres."""
+        return float(np.sqrt((self.residuals**2).mean()))
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerFit(Fit):
+    """A template fitted to the markers of a face at rest: `Fit`, and where the markers sit.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The markers that were seen at rest.
+    rest : ndarray of shape (n_markers, 3)
+        Where they are at rest, head frame, millimetres.
+    faces, weights : ndarray of shape (n_markers,), (n_markers, 3)
+        Their feet on the mesh: triangle and barycentric place.
+    offset : float
+        Height of a marker's centre over the skin, millimetres.
+    """
+
+    names: tuple = ()
+    rest: np.ndarray = field(default=None, repr=False)
+    faces: np.ndarray = field(default=None, repr=False)
+    weights: np.ndarray = field(default=None, repr=False)
+    offset: float = 1.5
+
+    @cached_property
+    def layout(self):
+        """The linear map from these markers to dense motion: MarkerLayout."""
+        return MarkerLayout(self)
+
+
+def rest_markers(takes, seconds=0.05):
+    """The markers of a face at rest, from takes that begin with it.
+
+    Parameters
+    ----------
+    takes : MarkerSequence or sequence of MarkerSequence
+        Of one actor in one session.
+    seconds : float, default=0.05
+        How long the face is at rest at the start of each.
+
+    Returns
+    -------
+    positions : ndarray of shape (n_markers, 3)
+        Median over those frames with the head's motion taken away, millimetres, in the frame of
+        the first; NaN for a marker never seen in them.
+    names : tuple of str
+        Of the markers that are seen in a quarter of all frames or more; the others are ghosts.
+
+    Raises
+    ------
+    ValueError
+        If fewer than three markers are seen often enough, or none of the takes starts with three.
+    """
+    takes = [takes] if isinstance(takes, MarkerSequence) else list(takes)
+    check_number(seconds, "seconds", low=0)
+    if not takes:
+        raise ValueError("takes is empty; give one sequence of markers or more.")
+    seen = dict.fromkeys((name for take in takes for name in take.names), 0)
+    for take in takes:
+        for name, count in zip(take.names, take.visible.sum(axis=0), strict=True):
+            seen[name] += count
+    n_frames = sum(take.n_frames for take in takes)
+    names = tuple(name for name, count in seen.items() if count >= n_frames / 4)
+    if len(names) < 3:
+        raise ValueError(
+            f"takes hold {len(names)} marker(s) that are seen in a quarter of all frames or more, "
+            "but a face at rest needs three; give takes of one actor and one session."
+        )
+    column = {name: i for i, name in enumerate(names)}
+    frames = []
+    for take in takes:
+        first = take.positions[: max(1, round(seconds * take.fps))]
+        some = np.full((len(first), len(names), 3), np.nan)
+        known = [i for i, name in enumerate(take.names) if name in column]
+        some[:, [column[take.names[i]] for i in known]] = first[:, known]
+        frames.append(some)
+    frames = np.concatenate(frames)
+    reference = frames[np.isfinite(frames[..., 0]).sum(axis=1).argmax()]
+    for _ in range(2):
+        motion = rigid_motion(frames, reference, robust=True)
+        if not motion.valid.any():
+            raise ValueError(
+                f"the first {seconds:g} s hold no frame with three markers or more that are not "
+                "on one line; give takes that begin with the face at rest."
+            )
+        home = motion.to_head(frames)
+        seen = np.isfinite(home[..., 0]).any(axis=0)
+        reference = np.full(reference.shape, np.nan)
+        reference[seen] = np.nanmedian(home[:, seen], axis=0)
+    return reference, names
+
+
+def _warped(template, positions, named, preset, label, height=0.0):
+    """Similarity and smooth warp by landmarks: data to head frame, and both steps' vertices.
+
+    `positions` are of the data, `named` maps landmarks to their rows, `height` is that of the data
+    over the skin.
+    """
+    known = [n for n in named if n in template.landmarks]
+    if len(known) < _NEEDED:
+        raise ValueError(
+            f"{label} share {len(known)} name(s) with the landmarks of the template, but the fit "
+            f"starts from {_NEEDED} or more. Name markers as in facelab.geometry.MULTI_PIE (chin, "
+            f"nose_tip, ...); known here: {', '.join(known) or 'none'}; the template has "
+            f"{', '.join(list(template.landmarks)[:8]) or 'none'}, ..."
+        )
+    marks = [template.landmarks[n] for n in known]
+    source = template.vertices[marks] + height * template.normals[marks]
+    target = positions[[named[n] for n in known]]
+    check_like(procrustes(target, source, scale=True), label)
+    rigid = procrustes(target, source)
+    target = rigid.apply(target)
+    grown = procrustes(source, target, scale=True)
+    left = np.linalg.norm(grown.apply(source) - target, axis=1)
+    usual = max(np.median(left), 3.0)
+    if (left > 6 * usual).any():
+        wrong = ", ".join(
+            f"{known[i]} ({left[i]:.0f} mm)" for i in np.flatnonzero(left > 6 * usual)
+        )
+        raise ValueError(
+            f"{label}: {wrong} lie(s) far from where the others put the landmark, the usual "
+            f"distance being {usual:.0f} mm; check the name(s) or leave them out."
+        )
+    V = grown.apply(template.vertices)
+    from_here = grown.apply(source)
+    warp = RBFInterpolator(
+        from_here, target - from_here, kernel="linear", degree=1, smoothing=preset.size
+    )
+    return rigid, tuple(known), {"similarity": V, "warp": V + warp(V)}
+
+
+def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
+    """Fit a template to the markers of a face at rest.
+
+    Parameters
+    ----------
+    template : TriangleMesh
+        With landmarks.
+    positions : array_like of shape (n_markers, 3)
+        Millimetres, any frame; NaN for a marker that was not seen: it is left out.
+    names : sequence of str
+        Of the markers; those called like a landmark give the start.
+    offset : float, default=1.5
+        Height of a marker's centre over the skin, millimetres.
+    preset : str, default="balanced"
+        One of `PRESETS`.
+
+    Returns
+    -------
+    MarkerFit
+
+    Raises
+    ------
+    ValueError
+        If six landmarks or more are not among the names, for mirrored data, other units than
+        millimetres, or a landmark far from where the others put it.
+    """
+    preset = PRESETS[check_choice(preset, "preset", tuple(PRESETS))]
+    offset = check_number(offset, "offset", low=0)
+    names = tuple(names)
+    positions = np.asarray(positions, dtype=float)
+    if positions.shape != (len(names), 3):
+        raise ValueError(
+            f"positions has shape {positions.shape}, but {len(names)} names ask for "
+            f"({len(names)}, 3)."
+        )
+    seen = np.isfinite(positions).all(axis=1)
+    names = tuple(n for n, s in zip(names, seen, strict=True) if s)
+    positions = positions[seen]
+    if len(set(names)) < len(names):
+        raise ValueError("names holds a marker twice; each needs its own name.")
+    named = {name: i for i, name in enumerate(names)}
+    rigid, known, steps = _warped(template, positions, named, preset, "the markers", offset)
+    rest = rigid.apply(positions)
+    fixed = np.array([named[name] for name in known])
+    free = np.setdiff1d(np.arange(len(names)), fixed)
+    star = [np.flatnonzero((template.faces == template.landmarks[n]).any(axis=1)) for n in known]
+    near = np.array([np.resize(faces, max(map(len, star))) for faces in star])
+
+    def feet(mesh):
+        """Nearest place on the surface; for landmarks, on the triangles round their vertex."""
+        faces, weights = closest_points(mesh, rest)
+        faces[fixed], weights[fixed] = closest_among(mesh, rest[fixed], near)
+        return faces, weights
+
+    marks = sp.eye_array(template.n_vertices, format="csr")[
+        [template.landmarks[name] for name in known]
+    ]
+    pull = np.full(len(known), 1 / GLUED**2)
+
+    def match(mesh, slack):
+        faces, weights = feet(mesh)
+        B, foot, normal, gap = sliding(mesh, faces, weights, rest, offset)
+        share = np.ones(len(rest))
+        if len(free):  # far off the surface, as a ghost at rest would be
+            off = gap[free]
+            share[free] = 1 / (1 + (off / max(6 * np.median(np.abs(off)), 3.0)) ** 2) ** 2
+        target = np.vstack([foot + gap[:, None] * normal, rest[fixed] - offset * normal[fixed]])
+        return sp.vstack([B, marks]), target, np.append(share / slack**2, pull)
+
+    for i, V in enumerate(relaxed(template, steps["warp"], match, preset)):
+        steps[f"stage {i + 1}"] = V
+    mesh = template.with_vertices(V)
+    faces, weights = feet(mesh)
+    _, foot, normal, _ = sliding(mesh, faces, weights, rest, offset)
+    left = np.linalg.norm(foot + offset * normal - rest, axis=1)
+    return MarkerFit(mesh, rigid, steps, known, left, preset, names, rest, faces, weights, offset)
+
+
+def fit_scan(template, scan, landmarks=None, preset="balanced"):
+    """Fit a template to a dense surface.
+
+    Each vertex is drawn to the nearest place of the scan, along the normal. Not drawn are those
+    whose nearest place is on the border of the scan, whose normal is more than 60 degrees from the
+    one there, or which are much farther off than most: smoothness alone carries them.
+
+    Parameters
+    ----------
+    template : TriangleMesh
+        With landmarks.
+    scan : TriangleMesh
+        Millimetres, any frame; need not be in one piece.
+    landmarks : sequence of str, optional
+        Names to start from; all that both meshes have if left out.
+    preset : str, default="balanced"
+        One of `PRESETS`.
+
+    Returns
+    -------
+    Fit
+        `residuals` are the distances to the scan of the vertices that are drawn to it.
+
+    Raises
+    ------
+    ValueError
+        As `fit_markers`.
+    """
+    preset = PRESETS[check_choice(preset, "preset", tuple(PRESETS))]
+    chosen = tuple(scan.landmarks) if landmarks is None else tuple(landmarks)
+    unknown = [n for n in chosen if n not in scan.landmarks]
+    if unknown:
+        raise ValueError(f"landmarks names {', '.join(unknown)}, which the scan does not have.")
+    named = {n: scan.landmarks[n] for n in chosen}
+    rigid, known, steps = _warped(template, scan.vertices, named, preset, "the scan's landmarks")
+    scan = scan.with_vertices(rigid.apply(scan.vertices))
+    border = np.zeros(scan.n_vertices, dtype=bool)
+    for loop in scan.boundary_loops:
+        border[loop] = True
+    marks = [template.landmarks[n] for n in known]
+    places = scan.vertices[[named[n] for n in known]]
+    everything = sp.eye_array(template.n_vertices, format="csr")
+
+    def nearest(mesh):
+        faces, weights = closest_points(scan, mesh.vertices)
+        at = rows(scan, faces, weights)
+        place, normal = at @ scan.vertices, at @ scan.normals
+        on_border = ((weights > 1e-9) <= border[scan.faces[faces]]).all(axis=1)
+        agree = (normal * mesh.normals).sum(axis=1) > 0.5
+        apart = np.linalg.norm(place - mesh.vertices, axis=1)
+        usual = np.median(apart[agree & ~on_border]) if (agree & ~on_border).any() else np.inf
+        return place, normal, agree & ~on_border & (apart < max(4 * usual, 5.0)), apart
+
+    def match(mesh, slack):
+        place, normal, drawn, _ = nearest(mesh)
+        gap = ((place - mesh.vertices) * normal).sum(axis=1)
+        target = np.vstack([mesh.vertices + gap[:, None] * normal, places])
+        # a vertex is one of very many: its share is that of its neighbourhood of markers
+        w = np.append(drawn * density / slack**2, np.full(len(marks), 1 / SEEN**2))
+        return sp.vstack([everything, everything[marks]]), target, w
+
+    density = min(1.0, 2000 / template.n_vertices)
+    for i, V in enumerate(relaxed(template, steps["warp"], match, preset)):
+        steps[f"stage {i + 1}"] = V
+    mesh = template.with_vertices(V)
+    _, _, drawn, apart = nearest(mesh)
+    return Fit(mesh, rigid, steps, known, apart[drawn], preset)

@@ -1,0 +1,83 @@
+"""The energy that a fit makes small: a smooth field that carries a template to its targets."""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+from threadpoolctl import threadpool_limits
+
+
+class Preset(NamedTuple):
+    """What a person chooses at once; all in millimetres."""
+
+    reach: float
+    """Of a difference of identity along the surface: places this far apart still share 0.6 of it,
+    at three times the distance none."""
+    size: float
+    """How large such a difference is, per axis."""
+    stages: tuple
+    """Distance between data and surface that is let pass, from coarse to fine."""
+    motion_reach: float
+    """As `reach`, of the motion of one face."""
+    motion_size: float
+    """As `size`, of the motion."""
+    noise: float
+    """Of a marker, per axis."""
+
+
+PRESETS = {
+    "balanced": Preset(60.0, 4.0, (4.0, 2.0, 1.0, 0.5, 0.5), 60.0, 5.0, 0.3),
+    "smooth": Preset(90.0, 4.0, (4.0, 2.0, 1.0, 1.0), 90.0, 3.0, 0.6),
+    "close": Preset(45.0, 6.0, (4.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.1), 45.0, 6.0, 0.15),
+}
+"""Balanced for clean data, smooth for noisy data, close to follow the data where it is exact."""
+
+
+GLUED, SEEN = (
+    1.0,
+    2.0,
+)  # mm; how exactly markers sit on landmarks, and landmarks are found on scans
+
+
+def smooth_field(mesh, reach):
+    """C with C^T C = Q, the precision of a smooth field of variance about 1 on the surface."""
+    n = mesh.n_vertices
+    area = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3, 3), minlength=n)
+    area = np.maximum(area, 1e-6)
+    L = mesh.laplacian("cotangent", normalised=False)
+    C = sp.diags_array(area / reach**2) + L
+    return sp.csr_array(sp.diags_array(reach / np.sqrt(4 * np.pi * area)) @ C)
+
+
+def factor(A):
+    with threadpool_limits(1):
+        return splu(sp.csc_matrix(A), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+
+
+def rows(mesh, faces, weights):
+    """Sparse (n_points, n_vertices): points of the surface as weighted vertices."""
+    row = np.repeat(np.arange(len(faces)), 3)
+    shape = (len(faces), mesh.n_vertices)
+    return sp.csr_array((weights.ravel(), (row, mesh.faces[faces].ravel())), shape=shape)
+
+
+def relaxed(mesh, start, match, preset):
+    """Matching and smooth deformation in turns, from coarse to fine: vertices after each stage."""
+    C = smooth_field(mesh.with_vertices(start), preset.reach)
+    Q = C.T @ C / preset.size**2
+    V = start
+    for slack in preset.stages:
+        B, target, w = match(mesh.with_vertices(V), slack)
+        W = sp.diags_array(w)
+        V = start + factor(Q + B.T @ W @ B).solve(B.T @ W @ (target - B @ start))
+        yield V
+
+
+def sliding(mesh, faces, weights, points, height):
+    """Where points of the surface should go: along the normal, to the height of the data."""
+    B = rows(mesh, faces, weights)
+    foot, normal = B @ mesh.vertices, B @ mesh.normals
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    gap = ((points - foot) * normal).sum(axis=1) - height
+    return B, foot, normal, gap

@@ -1,0 +1,155 @@
+"""Blendshape rigs: a neutral face and named displacements that are added to it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from facelab.checks import as_finite
+from facelab.geometry.mesh import TriangleMesh
+from facelab.motion import MotionSequence
+
+
+@dataclass(frozen=True, eq=False)
+class BlendshapeRig:
+    """A face as a neutral mesh and a sum of weighted displacements (Yu and Liu 2014, Eq. 1).
+
+    Parameters
+    ----------
+    neutral : TriangleMesh
+        The face at rest, millimetres.
+    names : sequence of str
+        Name of each shape, each once.
+    deltas : ndarray of shape (n_shapes, n_vertices, 3)
+        d_i: displacement of every vertex at weight 1, millimetres; float32 is kept.
+    identities : dict of str to ndarray of shape (n_vertices, 3), optional
+        Displacements that turn the neutral into other people, millimetres.
+    """
+
+    neutral: TriangleMesh
+    names: tuple
+    deltas: np.ndarray
+    identities: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        names = tuple(self.names)
+        deltas = np.asarray(self.deltas)
+        if not names:
+            raise ValueError("names is empty: a rig needs at least one shape.")
+        twice = sorted({n for n in names if names.count(n) > 1})
+        if twice:
+            raise ValueError(f"names holds {', '.join(twice)} more than once; each needs its own.")
+        as_finite(deltas, "deltas", (len(names), self.neutral.n_vertices, 3))
+        for name, shift in self.identities.items():
+            as_finite(shift, f"identities[{name!r}]", (self.neutral.n_vertices, 3))
+        object.__setattr__(self, "names", names)
+        object.__setattr__(self, "deltas", deltas if deltas.dtype.kind == "f" else deltas * 1.0)
+
+    def __repr__(self):
+        return f"BlendshapeRig({len(self.names)} shapes on {self.neutral.n_vertices} vertices)"
+
+    def weights_of(self, named):
+        """Weights in the rig's order from a dict of names; the others are zero.
+
+        Raises
+        ------
+        ValueError
+            For names that the rig does not have.
+        """
+        unknown = sorted(set(named) - set(self.names))
+        if unknown:
+            raise ValueError(
+                f"unknown shape(s) {', '.join(unknown)}; this rig has {', '.join(self.names)}."
+            )
+        return np.array([float(named.get(name, 0)) for name in self.names])
+
+    def shape(self, weights):
+        """Vertices at the given weights, shape (n_vertices, 3), millimetres.
+
+        Parameters
+        ----------
+        weights : dict of str to float, or array_like of shape (n_shapes,)
+        """
+        if isinstance(weights, dict):
+            weights = self.weights_of(weights)
+        weights = as_finite(weights, "weights", (len(self.names),))
+        return self.neutral.vertices + np.tensordot(weights, self.deltas, axes=1)
+
+    def on(self, vertices, mesh=None):
+        """The rig on some of its vertices.
+
+        Parameters
+        ----------
+        vertices : ndarray of int, shape (n_kept,)
+        mesh : TriangleMesh, optional
+            Triangles for the kept vertices, from `TriangleMesh.subsample`; the triangles that
+            lie wholly among the kept vertices if left out.
+        """
+        return BlendshapeRig(
+            self.neutral.submesh(vertices) if mesh is None else mesh,
+            self.names,
+            self.deltas[:, vertices],
+            {name: shift[vertices] for name, shift in self.identities.items()},
+        )
+
+    def animate(self, take, dtype=np.float32):
+        """Drive the rig with recorded weights.
+
+        ARKit names find the rig's own (`eyeBlinkLeft` drives `eyeBlink_L`; a name without a
+        side drives both sides). Weights are clipped to [0, 1]. Recorded shapes that the rig
+        does not have move nothing; shapes that were not recorded rest at zero. Lost frames
+        stay lost: their positions are the neutral and `valid` is False.
+
+        Parameters
+        ----------
+        take : WeightSequence
+        dtype : numpy dtype, default=float32
+            Type of the positions.
+
+        Returns
+        -------
+        MotionSequence
+            Positions of shape (n_frames, n_vertices, 3), millimetres.
+
+        Raises
+        ------
+        ValueError
+            If no recorded name drives any shape of the rig.
+        """
+        weights = self.rig_weights(take)
+        flat = self.deltas.reshape(len(self.names), -1).astype(dtype)
+        moved = weights.astype(dtype) @ flat
+        moved += self.neutral.vertices.ravel().astype(dtype)
+        positions = moved.reshape(len(weights), -1, 3)
+        return MotionSequence(positions, take.fps, self.neutral, take.valid)
+
+    def rig_weights(self, take):
+        """Recorded weights in the rig's order, clipped to [0, 1]; zero in lost frames.
+
+        Returns
+        -------
+        W : ndarray of shape (n_frames, n_shapes)
+        """
+        source = {}
+        for column, name in enumerate(take.names):
+            for target in rig_names(name):
+                source[target] = column
+        driven = [source.get(name) for name in self.names]
+        if all(column is None for column in driven):
+            raise ValueError(
+                f"no recorded name drives this rig: recorded are {', '.join(take.names[:4])}, ..., "
+                f"the rig has {', '.join(self.names[:4])}, ...; rename the columns of the take."
+            )
+        W = np.zeros((take.n_frames, len(self.names)))
+        for k, column in enumerate(driven):
+            if column is not None:
+                W[:, k] = take.weights[:, column]
+        W[~take.valid] = 0
+        return W.clip(0, 1)
+
+
+def rig_names(name):
+    """Names that a recorded ARKit name may have in a rig: as it is, by side, or on both sides."""
+    for side in ("Left", "Right"):
+        if name.endswith(side):
+            return (name, f"{name[: -len(side)]}_{side[0]}")
+    return (name, f"{name}_L", f"{name}_R")

@@ -1,0 +1,1 @@
+"""The experiments of the notebooks that take more than a cell."""
