@@ -63,6 +63,15 @@ class MotionSequence(_Sequence):
         The neutral face: its vertices are subtracted by `displacements`.
     valid : ndarray of bool, shape (n_frames,), optional
         False where the frame was lost; such frames keep their place in time.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from facelab import MotionSequence, TriangleMesh
+    >>> face = TriangleMesh([[0, 0, 0], [10, 0, 0], [0, 10, 0]], [[0, 1, 2]])
+    >>> motion = MotionSequence(face.vertices + np.zeros((60, 3, 3)), 30.0, face)
+    >>> motion.duration, motion.resampled(15).n_frames, motion.displacements().shape
+    (2.0, 30, (60, 9))
     """
 
     positions: np.ndarray
@@ -143,6 +152,13 @@ class WeightSequence(_Sequence):
         False where the frame was lost.
     angles : dict of str to ndarray of shape (n_frames,), optional
         Head and eye angles recorded beside the weights, radians.
+
+    Examples
+    --------
+    >>> from facelab import WeightSequence
+    >>> take = WeightSequence([[0.0, 0.1], [0.5, 0.2]], ["jawOpen", "eyeBlinkLeft"], fps=60)
+    >>> take.n_frames, take.names
+    (2, ('jawOpen', 'eyeBlinkLeft'))
     """
 
     weights: np.ndarray
@@ -207,6 +223,15 @@ class MarkerSequence(_Sequence):
         Name of each marker, each once.
     fps : float
         Frames a second.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from facelab import MarkerSequence
+    >>> positions = np.zeros((2, 2, 3))
+    >>> positions[1, 0] = np.nan  # the chin was hidden in the second frame
+    >>> MarkerSequence(positions, ["chin", "nose_tip"], fps=120).visible.tolist()
+    [[True, True], [False, True]]
     """
 
     positions: np.ndarray

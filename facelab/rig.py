@@ -23,6 +23,14 @@ class BlendshapeRig:
         d_i: displacement of every vertex at weight 1, millimetres; float32 is kept.
     identities : dict of str to ndarray of shape (n_vertices, 3), optional
         Displacements that turn the neutral into other people, millimetres.
+
+    Examples
+    --------
+    >>> from facelab import BlendshapeRig, TriangleMesh
+    >>> face = TriangleMesh([[0, 0, 0], [10, 0, 0], [0, 10, 0]], [[0, 1, 2]])
+    >>> rig = BlendshapeRig(face, ["raise"], [[[0, 0, 0], [0, 0, 0], [0, 4, 0]]])
+    >>> rig.shape({"raise": 0.5})[2].tolist()
+    [0.0, 12.0, 0.0]
     """
 
     neutral: TriangleMesh

@@ -49,6 +49,12 @@ def load_template(n_vertices=8820):
     -------
     TriangleMesh
         Millimetres, head frame.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> facelab.load_template(4375).n_vertices
+    4375
     """
     from data_synth.template import build_template
 

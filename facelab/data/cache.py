@@ -9,7 +9,18 @@ CACHE_VERSION = 1
 
 
 class DataUnavailable(RuntimeError):
-    """Data that is not on this machine and could not be downloaded."""
+    """Data that is not on this machine and could not be downloaded.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> try:
+    ...     face = facelab.load_ict_facekit().neutral
+    ... except facelab.DataUnavailable:
+    ...     face = facelab.load_template(4375)
+    >>> "nose_tip" in face.landmarks
+    True
+    """
 
 
 def cache_dir():

@@ -40,6 +40,13 @@ def load_example():
     Returns
     -------
     Example
+
+    Examples
+    --------
+    >>> import facelab
+    >>> example = facelab.load_example()
+    >>> example.train.n_frames > 100
+    True
     """
     try:
         rig, props = load_ict_facekit(), load_ict_props()

@@ -77,6 +77,12 @@ def load_ict_facekit(root=None, area="narrow", n_identities=0):
     References
     ----------
     Li et al., Learning Formation of Physically-Based Face Attributes, CVPR 2020.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> facelab.load_ict_facekit()
+    BlendshapeRig(53 shapes on 6706 vertices)
     """
     check_choice(area, "area", tuple(ICT_AREAS))
     if not 0 <= n_identities <= 100:

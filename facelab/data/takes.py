@@ -38,6 +38,12 @@ def load_take(name, root=None):
     Raises
     ------
     ValueError, FileNotFoundError, DataUnavailable
+
+    Examples
+    --------
+    >>> import facelab
+    >>> len(facelab.load_take("alex_rom_3").names)
+    52
     """
     check_choice(name, "name", tuple(TAKES))
     folder = root or os.environ.get("FACELAB_CAPTURES")

@@ -313,6 +313,15 @@ def regress_expression(
     References
     ----------
     Yu and Liu 2014, Eq. 9 and 10, Algorithm 1.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> rig = facelab.load_example().rig
+    >>> name = next(n for n in rig.names if n in ("AU12L", "mouthSmile_L"))
+    >>> fit = facelab.regress_expression(rig, rig.shape({name: 0.6}), alphas=[0.6])
+    >>> dict(zip(fit.names, fit.weights[fit.best].round(3).tolist()))[name]
+    0.6
     """
     basis = as_basis(rig)
     lam = check_number(lam, "lam", low=0)

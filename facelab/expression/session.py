@@ -106,6 +106,14 @@ class ExpressionSession:
     References
     ----------
     Yu and Liu 2014, section IV.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> rig = facelab.load_example().rig
+    >>> session = facelab.ExpressionSession(rig, rig.shape({rig.names[0]: 0.5}))
+    >>> bool(session.fit.rms[session.fit.best] < 0.01)  # millimetres
+    True
     """
 
     def __init__(self, rig, sketch=None, lam=1.0, bounds="0 to 1", origin="sketch"):

@@ -201,6 +201,14 @@ class IntermediateSpace:
     References
     ----------
     Yu and Liu 2014, sections III and V.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> rig = facelab.load_example().rig
+    >>> wider = rig.neutral.with_vertices(rig.neutral.vertices * [1.1, 1.0, 1.0])
+    >>> facelab.IntermediateSpace(rig, wider).rig.names == rig.names
+    True
     """
 
     def __init__(self, source, target, method="transfer", register=None, preset="close"):

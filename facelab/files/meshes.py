@@ -147,6 +147,13 @@ def read_mesh(path):
     ------
     FileNotFoundError, ValueError
         For a missing, empty or damaged file, or an unknown kind.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> facelab.files.write_obj("face.obj", facelab.load_template(4375))
+    >>> facelab.read_mesh("face.obj").n_vertices
+    4375
     """
     kinds = (".obj", ".ply", ".glb", ".gltf", ".stl")
     if Path(path).suffix.lower() not in kinds:

@@ -85,6 +85,14 @@ def bind(mesh, samples, tolerance=1e-3, motion=None, trust=10.0):
     ValueError
         If the mesh is in pieces, a sample is not one of its vertices or stands twice, or the
         motion is of another mesh.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> face = facelab.load_template(4375)
+    >>> samples, control = face.subsample(397)
+    >>> facelab.bind(face, samples).mesh.n_vertices
+    4375
     """
     trust = check_number(trust, "trust", above=0)
     if motion is not None and motion.mesh.n_vertices != mesh.n_vertices:

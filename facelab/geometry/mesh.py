@@ -54,6 +54,13 @@ class TriangleMesh:
     ValueError
         For wrong shapes, coordinates that are not finite, an index out of range, a face that
         uses a vertex twice, no vertices or no faces.
+
+    Examples
+    --------
+    >>> from facelab import TriangleMesh
+    >>> square = TriangleMesh([[0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 10, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> square.n_vertices, float(square.face_areas.sum())
+    (4, 100.0)
     """
 
     vertices: np.ndarray

@@ -34,6 +34,12 @@ def rms_error(X, X_hat):
     References
     ----------
     Tena et al. 2011, Eq. 13.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> facelab.rms_error([[0.0, 0.0, 0.0]], [[3.0, 0.0, 4.0]])  # one vertex, off by 5 mm
+    5.0
     """
     return float(np.sqrt(frame_errors(X, X_hat).mean()))
 

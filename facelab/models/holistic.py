@@ -15,6 +15,14 @@ class HolisticModel(RegionModel):
     References
     ----------
     Tena et al. 2011, Eq. 1 to 4.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> X = facelab.load_registered("M1", size="small", progress=False).motion("train").displacements()
+    >>> model = facelab.HolisticModel(n_components=10).fit(X)
+    >>> model.transform(X).shape[1]
+    10
     """
 
     regions = None

@@ -70,6 +70,18 @@ class RegionModel(TransformerMixin, BaseEstimator):
     References
     ----------
     Tena et al. 2011, Eq. 1 to 7.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> actor = facelab.load_registered("M1", size="small", progress=False)
+    >>> motion = actor.motion("train")
+    >>> regions = facelab.segment_face(motion, n_regions=6, random_state=0, progress=False)
+    >>> X = motion.displacements()
+    >>> model = facelab.RegionModel(regions, n_components=5).fit(X)
+    >>> X_hat = model.inverse_transform(model.transform(X))
+    >>> len(model.components_), bool(facelab.rms_error(X, X_hat) < 0.5)  # millimetres
+    (6, True)
     """
 
     def __init__(

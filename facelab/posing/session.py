@@ -102,6 +102,18 @@ class PosingSession(History):
     References
     ----------
     Tena et al. 2011, sections 3.2 and 6.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> actor = facelab.load_registered("M1", size="small", progress=False)
+    >>> motion = actor.motion("train")
+    >>> model = facelab.HolisticModel(n_components=10).fit(motion.displacements())
+    >>> session = facelab.PosingSession(model, motion.mesh)
+    >>> session.drag(0, motion.mesh.vertices[0] + [0, 2, 0])  # millimetres; y is up
+    >>> session.release()
+    >>> session.n_undo
+    1
     """
 
     def __init__(

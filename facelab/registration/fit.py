@@ -214,6 +214,16 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
     ValueError
         If six landmarks or more are not among the names, for mirrored data, other units than
         millimetres, or a landmark far from where the others put it.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> face = facelab.load_template(4375)
+    >>> names = list(face.landmarks)
+    >>> glued = face.vertices[list(face.landmarks.values())]
+    >>> fit = facelab.fit_markers(face, glued + [0, 0, 100], names, offset=0)
+    >>> bool(fit.residuals.max() < 0.5)  # millimetres
+    True
     """
     preset = PRESETS[check_choice(preset, "preset", tuple(PRESETS))]
     offset = check_number(offset, "offset", low=0)
@@ -294,6 +304,14 @@ def fit_scan(template, scan, landmarks=None, preset="balanced"):
     ------
     ValueError
         As `fit_markers`.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> face = facelab.load_template(4375)
+    >>> fit = facelab.fit_scan(face, face.with_vertices(face.vertices * 1.05))
+    >>> bool(fit.residuals.mean() < 0.2)  # millimetres
+    True
     """
     preset = PRESETS[check_choice(preset, "preset", tuple(PRESETS))]
     chosen = tuple(scan.landmarks) if landmarks is None else tuple(landmarks)

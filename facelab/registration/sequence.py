@@ -319,6 +319,16 @@ def register_sequence(fit, markers, head="rigid", bridge=0.1, limit=8.0):
     ValueError
         If the take has fewer than three markers of the layout or no frame that shows them, is
         mirrored, not in millimetres, or named by another layout.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> capture = facelab.data.load_capture("M1", size="small", progress=False)
+    >>> take = capture.markers(capture.takes["train"][0])
+    >>> rest = facelab.registration.rest_markers([take])
+    >>> fit = facelab.fit_markers(facelab.load_template(4375), *rest)
+    >>> bool(facelab.register_sequence(fit, take).valid.all())
+    True
     """
     check_choice(head, "head", ("rigid", "whole"))
     bridge = check_number(bridge, "bridge", low=0)

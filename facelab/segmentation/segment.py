@@ -219,6 +219,13 @@ def segment_face(
     References
     ----------
     Tena et al. 2011, section 4.2, Eq. 11 and 12.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> motion = facelab.load_registered("M1", size="small", progress=False).motion("train")
+    >>> facelab.segment_face(motion, n_regions=6, random_state=0, progress=False).n_regions
+    6
     """
     return Likeness.of(motion, lam, r, threshold).segment(
         n_regions, max_regions, reading, sharing, rings, n_init, random_state, progress

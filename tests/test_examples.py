@@ -1,0 +1,25 @@
+"""The example under every name of the top level runs, and says what it did before."""
+
+import doctest
+import inspect
+import os
+
+import pytest
+
+import facelab
+
+NAMES = [n for n in facelab.__all__ if not inspect.ismodule(getattr(facelab, n))]
+DOWNLOADED = {"load_ict_facekit": "FACELAB_ICT", "load_take": "FACELAB_CAPTURES"}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_example_of_every_public_name_runs(name, tmp_path, monkeypatch):
+    if name in DOWNLOADED and not os.environ.get(DOWNLOADED[name]):
+        pytest.skip(f"{DOWNLOADED[name]} is not set: the data of {name} are not on this machine")
+    monkeypatch.chdir(tmp_path)  # what an example writes goes away again
+    text = inspect.getdoc(getattr(facelab, name))
+    test = doctest.DocTestParser().get_doctest(text, {}, name, None, None)
+    assert test.examples, f"facelab.{name} has no example (>>>) in its docstring"
+    said = []
+    doctest.DocTestRunner(verbose=False).run(test, out=said.append)
+    assert not said, "".join(said)
