@@ -54,7 +54,7 @@ def test_arrows_run_one_way():
     up = []
     for path in SOURCES:
         room = room_of(path)
-        if path.name == "__init__.py" and path.parent.name == "facelab" or is_command(path):
+        if (path.name == "__init__.py" and path.parent.name == "facelab") or is_command(path):
             continue
         for module, name in imports(path):
             other = room_imported(module, name)

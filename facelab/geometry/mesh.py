@@ -58,7 +58,8 @@ class TriangleMesh:
     Examples
     --------
     >>> from facelab import TriangleMesh
-    >>> square = TriangleMesh([[0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 10, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> corners = [[0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 10, 0]]
+    >>> square = TriangleMesh(corners, [[0, 1, 2], [0, 2, 3]])
     >>> square.n_vertices, float(square.face_areas.sum())
     (4, 100.0)
     """

@@ -19,7 +19,8 @@ class HolisticModel(RegionModel):
     Examples
     --------
     >>> import facelab
-    >>> X = facelab.load_registered("M1", size="small", progress=False).motion("train").displacements()
+    >>> actor = facelab.load_registered("M1", size="small", progress=False)
+    >>> X = actor.motion("train").displacements()
     >>> model = facelab.HolisticModel(n_components=10).fit(X)
     >>> model.transform(X).shape[1]
     10
