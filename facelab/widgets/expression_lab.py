@@ -528,10 +528,7 @@ class ExpressionLab:
                 self.other.value = ""
                 raise
             mesh = face.neutral if hasattr(face, "neutral") else face.target
-            near = np.linalg.norm(mesh.vertices.mean(axis=0) - self.view._target) < 60
-            self._other_view = FaceView(
-                mesh, props, *self._size, linked_to=self.sketch_view if near else None
-            )
+            self._other_view = FaceView(mesh, props, *self._size, linked_to=self.sketch_view)
         views = [v.widget for v in (self.sketch_view, self.view, self._other_view) if v]
         self._views.children = views
         self._show_answer()

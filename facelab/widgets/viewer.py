@@ -1,6 +1,8 @@
 """A face in the page: the one module that speaks pythreejs, so that a successor can replace it.
 
-Scene units are millimetres, axes those of the head frame.
+Scene units are millimetres, axes those of the head frame. The middle of the face is the scene's
+origin: that is where the camera's controls look until a message tells them otherwise, and in Voila
+one that is sent before the page is there never arrives.
 """
 
 import numpy as np
@@ -43,7 +45,7 @@ class FaceView:
         Size of the canvas, pixels.
     linked_to : FaceView, optional
         A view whose camera this one shares: turning one turns both, at once. The two show faces
-        of about the same size and place, on canvases of the same proportions.
+        of about the same size, each in the middle, on canvases of the same proportions.
 
     Attributes
     ----------
@@ -66,6 +68,7 @@ class FaceView:
         self.on_hover = self.on_press = self.on_move = self.on_release = None
         self.along_normal = False
         self._V, self._N = mesh.vertices, None
+        self._middle = (self._V.min(axis=0) + self._V.max(axis=0)) / 2
         self._lining = Lining(mesh)
         self._operator = normals_operator(mesh.faces, mesh.n_vertices)
         self._dragging = False
@@ -80,13 +83,11 @@ class FaceView:
             self._build_camera(width / height)
         else:
             self._share_camera(linked_to, width / height)
-        self._scene = three.Scene(
-            children=[
-                *(self._face, self._marks, self._cloud, self._hover, self._plane),
-                *(*still, *self._lights()),
-            ],
-            background="#f4f4f2",
+        head = three.Group(  # all that is told in the head frame
+            children=[self._face, self._marks, self._cloud, self._hover, self._plane, *still],
+            position=(-self._middle).tolist(),
         )
+        self._scene = three.Scene(children=[head, *self._lights()], background="#f4f4f2")
         self._build_pickers()
         self.widget = three.Renderer(
             camera=self._camera,
@@ -186,19 +187,13 @@ class FaceView:
 
     def _build_camera(self, aspect):
         low, high = self._V.min(axis=0), self._V.max(axis=0)
-        self._target = (low + high) / 2
         half = np.tan(np.radians(_FOV / 2))
         extent = max(high[1] - low[1], (high[0] - low[0]) / aspect)
         away = 1.12 * extent / 2 / half + (high[2] - low[2]) / 2
-        at = self._target + [0, 0, away]
         self._camera = three.PerspectiveCamera(
-            fov=_FOV, aspect=aspect, near=away / 20, far=away * 4, position=at.tolist()
+            fov=_FOV, aspect=aspect, near=away / 20, far=away * 4, position=[0, 0, float(away)]
         )
-        self._camera.lookAt(self._target.tolist())
-        self._orbit = three.OrbitControls(
-            controlling=self._camera, target=self._target.tolist(), enablePan=False
-        )
-        self._orbit.exec_three_obj_method("update")  # else it looks at the origin until it is used
+        self._orbit = three.OrbitControls(controlling=self._camera, enablePan=False)
 
     def _share_camera(self, other, aspect):
         if abs(aspect / other._camera.aspect - 1) > 0.02:
@@ -207,7 +202,7 @@ class FaceView:
                 f"{other._camera.aspect:.2f}; give both canvases the same proportions."
             )
         # the orbit too: it listens on both canvases and draws both while the mouse moves
-        self._target, self._camera, self._orbit = other._target, other._camera, other._orbit
+        self._camera, self._orbit = other._camera, other._orbit
 
     def _lights(self):
         key = three.DirectionalLight(color="#fff4e8", intensity=0.55, position=[-250, 300, 500])
@@ -236,14 +231,19 @@ class FaceView:
             react()
             change["owner"].point = _NOWHERE
 
+    def _point(self, picker):
+        """Where the mouse met what the picker looks for, in the head frame, shape (3,)."""
+        return self._middle + picker.point  # three.js tells it in the scene
+
     def _picked(self, picker):
         """Vertex of the face under the mouse, or None."""
         if picker.object is not self._face:
             return None
         corners = np.array(picker.face, dtype=int)
         if corners.max() >= self._n:  # the lining, or the pin of the drag under way
-            return self._rim_vertex(np.array(picker.point))
-        return int(corners[np.linalg.norm(self._V[corners] - picker.point, axis=1).argmin()])
+            return self._rim_vertex(self._point(picker))
+        away = np.linalg.norm(self._V[corners] - self._point(picker), axis=1)
+        return int(corners[away.argmin()])
 
     def _rim_vertex(self, point):
         """Vertex of a lid or lip beside a point of the opening, as the camera sees them, or None.
@@ -260,9 +260,9 @@ class FaceView:
         vertex = self._picked(self._down)
         if vertex is None or self._dragging or self.on_press is None:
             return
-        self._plane.position = self._down.point
+        self._grab = self._point(self._down)
+        self._plane.position = self._grab.tolist()
         self._plane.quaternion = Rotation.from_matrix(self._axes().T).as_quat().tolist()
-        self._grab = np.array(self._down.point)
         shift = bool(self._down.modifiers) and self._down.modifiers[0]
         self._rail = self._rail_of(vertex) if shift or self.along_normal else None
         self._dragging = True
@@ -272,7 +272,7 @@ class FaceView:
     def _mouse_moved(self):
         if self._dragging:
             if self._moved.object is self._plane and self.on_move is not None:
-                offset = np.array(self._moved.point) - self._grab
+                offset = self._point(self._moved) - self._grab
                 if self._rail is not None:
                     across, normal = self._rail
                     offset = (offset @ across) * normal
@@ -414,7 +414,7 @@ class FaceView:
         """Send the pins that can be seen from where the camera stands."""
         vertices, targets, normals, colors = self._pins
         if normals is not None:
-            near = ((self._camera.position - vertices) * normals).sum(axis=1) > 0
+            near = ((self._eye - vertices) * normals).sum(axis=1) > 0
             vertices, targets, colors = vertices[near], targets[near], colors[near]
         n_pins = len(vertices)
         if n_pins > self._room:
@@ -453,9 +453,8 @@ class FaceView:
     def look_from(self, direction=(0.0, 0.0, 1.0)):
         """Place the camera in this direction from the face, shape (3,), as far away as it is."""
         direction = np.asarray(direction, dtype=float)
-        away = np.linalg.norm(np.asarray(self._camera.position) - self._target)
-        at = self._target + away * direction / np.linalg.norm(direction)
-        self._camera.position = at.tolist()
+        away = np.linalg.norm(self._camera.position)
+        self._camera.position = (away * direction / np.linalg.norm(direction)).tolist()
         self._orbit.exec_three_obj_method("update")  # turns it towards the face
 
     def resize(self, width, height):
@@ -479,17 +478,21 @@ class FaceView:
         ndarray of shape (n, 2)
             Fractions of the width from the left and of the height from the top.
         """
-        x, y, z = self._axes() @ (np.atleast_2d(points) - np.asarray(self._camera.position)).T
+        x, y, z = self._axes() @ (np.atleast_2d(points) - self._eye).T
         depth = -z * np.tan(np.radians(_FOV / 2))
         return np.stack([(1 + x / depth / self._camera.aspect) / 2, (1 - y / depth) / 2], axis=1)
+
+    @property
+    def _eye(self):
+        """Where the camera stands in the head frame, shape (3,)."""
+        return self._middle + self._camera.position
 
     def _axes(self):
         """Right, up and back as the camera sees them, rows of shape (3, 3).
 
         From where the camera stands, for its own rotation reaches the kernel late.
         """
-        back = np.asarray(self._camera.position) - self._target
-        back /= np.linalg.norm(back)
+        back = np.asarray(self._camera.position) / np.linalg.norm(self._camera.position)
         right = np.cross([0, 1, 0], back)
         right /= np.linalg.norm(right)
         return np.stack([right, np.cross(back, right), back])

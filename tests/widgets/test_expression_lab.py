@@ -4,6 +4,7 @@ from datetime import datetime
 
 import numpy as np
 import pytest
+from hand import move, pick
 from planted import bumps, quarters
 
 from facelab.expression.session import ALPHAS, ExpressionSession
@@ -67,12 +68,8 @@ def shows_the_session(lab):
 
 
 def drag(lab, vertex, offset):
-    view = lab.sketch_view
-    view._down.object = view._face
-    view._down.face = [float(vertex)] * 3
-    view._down.point = tuple(view._V[vertex])
-    view._moved.object = view._plane
-    view._moved.point = tuple(view._grab + offset)
+    pick(lab.sketch_view, lab.sketch_view._down, vertex)
+    move(lab.sketch_view, offset)
 
 
 def let_go(lab):
@@ -161,7 +158,7 @@ def test_pulling_the_sketch_pulls_single_vertices_and_the_units_follow_at_once(l
     drag(lab, 40, [0.0, 0, 8])
     assert lab.session.state.origin == "pulled by hand" and shows_the_session(lab)
     np.testing.assert_allclose(lab.session.sketch[40], sketch[40] + [0, 0, 8], atol=1e-9)
-    lab.sketch_view._moved.point = tuple(lab.sketch_view._grab + [0, 0, 10.0])
+    move(lab.sketch_view, [0, 0, 10.0])
     let_go(lab)
     assert lab.source.value == "pulled by hand" and shows_the_session(lab)
     lab.undo.click()

@@ -6,6 +6,7 @@ from datetime import datetime
 import matplotlib.image
 import numpy as np
 import pytest
+from hand import in_scene, move, pick
 from planted import bumps, quarters
 from shapes import grid_mesh
 
@@ -56,20 +57,10 @@ def skin_of(view):
     return view._color.array[: view.mesh.n_vertices]
 
 
-def pick(view, picker, vertex, point=None, shift=False):
-    """What the page sends when the mouse does something on a vertex of the face."""
-    with picker.hold_trait_notifications():
-        picker.object = view._face
-        picker.face = [float(vertex)] * 3
-        picker.modifiers = [shift, False, False, False]
-        picker.point = tuple(view._V[vertex] if point is None else point)
-
-
 def drag(lab, vertex, offset, shift=False, view=None):
     view = view or lab.view
     pick(view, view._down, vertex, shift=shift)
-    view._moved.object = view._plane
-    view._moved.point = tuple(view._grab + offset)
+    move(view, offset)
 
 
 def let_go(view):
@@ -179,7 +170,7 @@ def test_a_drag_along_the_normal_moves_nowhere_else(lab, how):
 
 def test_seen_from_the_side_the_vertex_stays_under_the_mouse_along_its_normal(lab):
     view = lab.view
-    view._camera.position = (np.array([400.0, 0, 0]) + view._target).tolist()
+    view._camera.position = [400.0, 0, 0]
     drag(lab, 17, [0.0, 1.0, -3.0], shift=True)  # 3 mm against the normal, which is +z
     went = lab.session.pins[17] - lab.session.neutral.vertices[17]
     np.testing.assert_allclose(went, [0, 0, -3.0], atol=1e-6)
@@ -213,16 +204,55 @@ def test_pins_on_the_far_side_are_hidden_until_the_camera_has_gone_round(grid):
         return np.unique(view._ends.array[::2], axis=0)
 
     np.testing.assert_allclose(drawn(), at[:1])
-    view._camera.position = (view._target - [0, 0, 500]).tolist()
+    view._camera.position = [0, 0, -500]
     np.testing.assert_allclose(drawn(), at[1:])
 
 
 def test_points_are_projected_as_the_camera_sees_them(grid):
     view = FaceView(grid, width=400, height=400)
-    np.testing.assert_allclose(view.project(view._target), [[0.5, 0.5]], atol=1e-9)
-    left, up = view.project(view._target + [[1, 0, 0], [0, 1, 0]])
+    middle = grid.vertices.mean(axis=0)
+    np.testing.assert_allclose(view.project(middle), [[0.5, 0.5]], atol=1e-9)
+    left, up = view.project(middle + [[1, 0, 0], [0, 1, 0]])
     assert left[0] > 0.5 and up[1] < 0.5
     assert left[0] - 0.5 == pytest.approx(0.5 - up[1])
+
+
+FAR = np.array([300.0, -200.0, 150.0])
+
+
+def test_a_face_anywhere_stands_in_the_middle_without_a_message_to_the_page(grid, monkeypatch):
+    def sent(widget, *_, **__):
+        pytest.fail(f"{widget!r} was sent a message: one sent before the page is there gets lost")
+
+    monkeypatch.setattr("pythreejs._base.Three.ThreeWidget.exec_three_obj_method", sent)
+    here, there = (FaceView(grid.with_vertices(grid.vertices + by)) for by in (0 * FAR, FAR))
+    assert there._orbit.target == (0, 0, 0), "what the controls look at as they are made"
+    assert there._camera.position == here._camera.position
+    (head,) = (part for part in there._scene.children if there._face in part.children)
+    V = there.vertices + head.position
+    np.testing.assert_allclose(V.min(axis=0), -V.max(axis=0), atol=1e-9)
+    np.testing.assert_allclose(there.project(grid.vertices + FAR), here.project(grid.vertices))
+
+
+def test_a_face_anywhere_is_hovered_over_pulled_and_pinned_in_its_own_frame(grid):
+    view = FaceView(grid.with_vertices(grid.vertices + FAR))
+    seen = []
+    view.on_hover = view.on_press = view.on_move = lambda what: seen.append(what)
+    pick(view, view._moved, 17)
+    with view._down.hold_trait_notifications():  # a triangle; the nearest corner counts
+        view._down.object, view._down.face = view._face, [16.0, 17.0, 22.0]
+        view._down.point = in_scene(view, view.vertices[17] + [1.0, 1.0, 0.0])
+    np.testing.assert_allclose(view._plane.position, view.vertices[17] + [1.0, 1.0, 0.0])
+    view._moved.object = view._plane
+    view._moved.point = in_scene(view, view.vertices[17] + [3.0, 0.0, 2.0])
+    assert seen[:2] == [17, 17]
+    np.testing.assert_allclose(seen[2], [2.0, -1.0, 2.0])
+    view.show_hover(view.vertices[17])
+    view.show_pins(view.vertices[:2], view.vertices[:2] + 1)
+    view.show_points(view.vertices[:2])
+    np.testing.assert_allclose(view._hover.position, view.vertices[17])
+    for buffer in (view._ends.array, view._points.array):
+        np.testing.assert_allclose(buffer[0], view.vertices[0])
 
 
 @pytest.fixture
@@ -561,13 +591,13 @@ def test_keys_do_what_the_list_says(lab):
 
 def test_the_camera_can_be_sent_to_the_front_and_the_sides(lab):
     view = lab.view
-    away = np.array(view._camera.position) - view._target
+    away = view._camera.position
     press_key(lab, "2")
     right, _, back = view._axes()
     np.testing.assert_allclose(back, [0.5**0.5, 0, 0.5**0.5], atol=1e-9)
     assert right @ [0, 0, 1] < 0, "seen from the person's left"
     press_key(lab, "1")
-    np.testing.assert_allclose(np.array(view._camera.position) - view._target, away, atol=1e-9)
+    np.testing.assert_allclose(view._camera.position, away, atol=1e-9)
 
 
 def test_escape_gives_up_a_drag(lab):
