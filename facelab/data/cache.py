@@ -1,4 +1,4 @@
-"""Where ready data are kept, and how they are downloaded."""
+"""Where ready data are kept, and how they are downloaded, unless `FACELAB_OFFLINE` forbids it."""
 
 import os
 from pathlib import Path
@@ -6,10 +6,14 @@ from pathlib import Path
 import pooch
 
 CACHE_VERSION = 1
+_REMEDY = (
+    "Without a network, copy the data to this machine and name its folder: FACELAB_ICT for a clone "
+    "of ICT-FaceKit, FACELAB_CAPTURES for the recorded takes."
+)
 
 
 class DataUnavailable(RuntimeError):
-    """Data that is not on this machine and could not be downloaded.
+    """Data that is not on this machine, and could not or must not be downloaded.
 
     Examples
     --------
@@ -30,7 +34,32 @@ def cache_dir():
     return folder
 
 
+def _kept(name, sha256, folder):
+    """Path of a file that was downloaded before, where downloads are forbidden."""
+    kept, at_hand = folder / name, "is not at hand"
+    if kept.is_file():
+        if pooch.file_hash(kept) == sha256:
+            return kept
+        at_hand = f"is damaged in the cache ({kept})"
+    raise DataUnavailable(
+        f"{name} {at_hand}, and FACELAB_OFFLINE={os.environ['FACELAB_OFFLINE']} forbids a "
+        f"download; unset it to allow one. {_REMEDY}"
+    )
+
+
 def download(url, name, sha256, folder):
+    """Path of the file with this checksum: the one in the folder, else a download put there.
+
+    Raises
+    ------
+    DataUnavailable
+        If it is not in the folder and cannot be downloaded, or the environment variable
+        `FACELAB_OFFLINE` (any value but 0) forbids that.
+    ValueError
+        If what was downloaded is another file.
+    """
+    if os.environ.get("FACELAB_OFFLINE", "0") not in ("", "0"):
+        return _kept(name, sha256, folder)
     try:
         return Path(
             pooch.retrieve(
@@ -49,7 +78,5 @@ def download(url, name, sha256, folder):
         ) from None
     except Exception as error:  # no network, a server's refusal
         raise DataUnavailable(
-            f"{name} is not at hand and could not be downloaded ({type(error).__name__}). "
-            "Without a network, copy the data to this machine and name its folder: FACELAB_ICT for "
-            "a clone of ICT-FaceKit, FACELAB_CAPTURES for the recorded takes."
+            f"{name} is not at hand and could not be downloaded ({type(error).__name__}). {_REMEDY}"
         ) from None

@@ -70,7 +70,7 @@ def load_ict_facekit(root=None, area="narrow", n_identities=0):
     Raises
     ------
     DataUnavailable
-        If the files are not on this machine and cannot be downloaded.
+        If the files are not on this machine and cannot, or must not, be downloaded.
     FileNotFoundError, ValueError
         For a folder without the files, an unknown area, damaged files.
 

@@ -1,3 +1,4 @@
+import hashlib
 import json
 import os
 
@@ -8,8 +9,9 @@ from facelab.data import __main__ as command
 from facelab.data import cache
 from facelab.data import ict as ict_module
 from facelab.data.cache import DataUnavailable
-from facelab.data.examples import synthetic_props
-from facelab.data.ict import load_ict_facekit
+from facelab.data.actors import load_template
+from facelab.data.examples import load_example, synthetic_props
+from facelab.data.ict import load_ict_facekit, load_ict_props
 from facelab.data.takes import TAKES, load_take
 from facelab.geometry.mesh import MULTI_PIE
 from facelab.storage import load_npz
@@ -26,6 +28,7 @@ def empty_machine(tmp_path, monkeypatch):
     monkeypatch.setenv("FACELAB_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("FACELAB_ICT", raising=False)
     monkeypatch.delenv("FACELAB_CAPTURES", raising=False)
+    monkeypatch.delenv("FACELAB_OFFLINE", raising=False)
     return tmp_path / "cache"
 
 
@@ -324,7 +327,58 @@ def test_without_files_and_network_the_remedy_is_said(empty_machine, load):
     assert not list(empty_machine.glob("*.npz"))  # nothing half-made is kept
 
 
-def test_preparing_without_network_says_so_and_goes_on(empty_machine, capsys):
+LOADERS = {
+    "load_ict_facekit": load_ict_facekit,
+    "load_ict_props": load_ict_props,
+    **{f"load_take {name}": lambda name=name: load_take(name) for name in TAKES},
+}
+
+
+@pytest.fixture
+def offline(empty_machine, monkeypatch):
+    """An empty machine where downloads are forbidden: an attempt at one fails the test."""
+    monkeypatch.setenv("FACELAB_OFFLINE", "1")
+    monkeypatch.setattr(cache.pooch, "retrieve", lambda url, **_: pytest.fail(f"asked {url}"))
+    return empty_machine
+
+
+@pytest.mark.parametrize("name", LOADERS)
+def test_where_downloads_are_forbidden_every_loader_says_so_with_the_remedy(offline, name):
+    with pytest.raises(DataUnavailable) as refusal:
+        LOADERS[name]()
+    words = str(refusal.value)
+    for needed in ("FACELAB_OFFLINE=1", "unset it", "copy the data", "FACELAB_ICT"):
+        assert needed in words
+    assert not list(offline.rglob("*.*"))
+
+
+def test_where_downloads_are_forbidden_the_synthetic_data_is_made_and_the_example_is_of_it(offline):
+    example = load_example()
+    assert example.about.startswith("SYNTHETIC") and "FACELAB_OFFLINE=1" in example.about
+    assert load_template(4375).n_vertices == 4375
+
+
+def test_offline_a_file_of_the_cache_is_read_if_its_sum_is_right(offline, monkeypatch):
+    text = "Timecode,BlendShapeCount,JawOpen\n00:00:00:01,1,0.5\n"
+    kept = offline / "captures" / "alex_rom_4.csv"
+    kept.parent.mkdir(parents=True)
+    kept.write_text(text)
+    with pytest.raises(DataUnavailable, match=r"alex_rom_4.csv is damaged in the cache .*captures"):
+        load_take("alex_rom_4")
+    monkeypatch.setitem(TAKES, "alex_rom_4", hashlib.sha256(text.encode()).hexdigest())
+    assert load_take("alex_rom_4").n_frames == 1
+
+
+@pytest.mark.parametrize("value", ["", "0"])
+def test_an_empty_or_zero_switch_forbids_nothing(offline, monkeypatch, value):
+    monkeypatch.setenv("FACELAB_OFFLINE", value)
+    with pytest.raises(pytest.fail.Exception, match=r"asked https://.*alex_rom_3.csv"):
+        load_take("alex_rom_3")
+
+
+@pytest.mark.parametrize("machine", ["empty_machine", "offline"])
+def test_preparing_without_network_says_so_and_goes_on(machine, request, capsys):
+    request.getfixturevalue(machine)
     command.main()
     said = capsys.readouterr()
     assert "Real data is not at hand" in said.err
