@@ -1,4 +1,6 @@
 # facelab: `make lab` opens the lab, `make test` proves it. Both set up everything they need.
+# `make test` is what a user runs: 20 minutes at most on two quiet cores, from nothing.
+# `make test-all` is what takes long beside it.
 
 # The first Python of version 3.11 or newer; name another with `make PYTHON=...`.
 PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python; do \
@@ -7,6 +9,7 @@ BIN := .venv/bin
 
 # Real data: a folder that may hold ICT-FaceKit/ and captures/. What is not there is downloaded
 # by `make data` (with checksums); without it the lab runs on synthetic faces, and says so.
+# FACELAB_OFFLINE=1 forbids the download.
 DATA ?= ../shared
 ifneq ($(wildcard $(DATA)/ICT-FaceKit/FaceXModel),)
 export FACELAB_ICT ?= $(abspath $(DATA)/ICT-FaceKit)
@@ -16,13 +19,14 @@ export FACELAB_CAPTURES ?= $(abspath $(DATA)/captures)
 endif
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 
-.PHONY: help lab app env data test lint unit test-notebooks browser test-browser notebooks results \
-	bench lock clean
+.PHONY: help lab app env data test lint unit test-notebooks browser test-browser test-all \
+	test-long test-bare notebooks results bench lock clean
 
 help:
 	@echo "make lab        set up all, open the lab in JupyterLab"
 	@echo "make app        only the posing lab, as a page of its own"
 	@echo "make test       set up all, run every test: unit, notebooks, the lab in a real browser"
+	@echo "make test-all   what takes long beside it: the wheel, and a machine without data or network"
 	@echo "make env        only the environment, in .venv"
 	@echo "make data       only the data (real faces are downloaded once, synthetic ones made)"
 	@echo "make notebooks  run every notebook in place and store its outputs"
@@ -33,46 +37,68 @@ help:
 
 env: .venv/ready
 
-.venv/ready: pyproject.toml requirements.lock jupyterlab_overrides.json
+.venv/ready: pyproject.toml requirements.lock app/jupyterlab_overrides.json
 	@test -n "$(PYTHON)" || { echo "facelab needs Python 3.11 or newer: none found on the PATH. \
 Install one, or name it: make PYTHON=/path/to/python3.11 env"; exit 1; }
 	@$(PYTHON) -m venv --clear .venv || { echo "$(PYTHON) cannot make a virtual environment: \
 install its venv module (Debian, Ubuntu: apt-get install python3-venv)."; exit 1; }
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes \
+		-r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
+		--no-build-isolation --editable .
 	@mkdir -p .venv/etc/jupyter/labconfig
-	@cp jupyterlab_overrides.json .venv/etc/jupyter/labconfig/default_setting_overrides.json
+	@cp app/jupyterlab_overrides.json .venv/etc/jupyter/labconfig/default_setting_overrides.json
 	@touch $@
 
 data: env
 	$(BIN)/python -m facelab.data
 
 lab: env data
-	$(BIN)/jupyter lab --config=jupyter_server_config.py notebooks/01_capture.ipynb
+	$(BIN)/jupyter lab --config=app/jupyter_server_config.py notebooks/01_capture.ipynb
 
 app: env data
-	$(BIN)/jupyter server --config=jupyter_server_config.py --ServerApp.root_dir=app \
+	$(BIN)/jupyter server --config=app/jupyter_server_config.py --ServerApp.root_dir=app \
 		--ServerApp.jpserver_extensions="{'voila.server_extension': True}" \
 		--ServerApp.default_url=/voila/render/posing.ipynb
 
 test: lint unit test-notebooks test-browser
-	@echo "facelab: every test passed"
+	@echo "facelab: make test passed"
 
 lint: env
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
 unit: env
-	$(BIN)/python -m pytest tests --ignore tests/browser
+	$(BIN)/python -m pytest tests --ignore tests/browser -m "not long"
+
+NBVAL := $(BIN)/python -m pytest --nbval-lax -p no:cacheprovider --nbval-cell-timeout=600
 
 test-notebooks: env data
-	$(BIN)/python -m pytest --nbval-lax -p no:cacheprovider --nbval-cell-timeout=600 $(NOTEBOOKS)
+	$(NBVAL) $(NOTEBOOKS)
 
 browser: env
 	$(BIN)/python tests/browser/get_browser.py
 
 test-browser: env data browser
 	$(BIN)/python -m pytest tests/browser
+
+# What takes long, part by part.
+test-all: test-long test-bare
+	@echo "facelab: make test-all passed"
+
+test-long: env
+	$(BIN)/python -m pytest tests --ignore tests/browser -m long
+
+# As on a machine without data and network, with nothing made before.
+BARE := env -u FACELAB_ICT -u FACELAB_CAPTURES FACELAB_OFFLINE=1
+BARE_NOTEBOOKS := notebooks/05_posing.ipynb notebooks/07_sketch_to_action_units.ipynb
+
+test-bare: env browser
+	@FACELAB_CACHE=$$(mktemp -d) && export FACELAB_CACHE && \
+	trap 'rm -rf "$$FACELAB_CACHE"' EXIT && trap 'exit 1' INT TERM && set -x && \
+	$(BARE) $(BIN)/python -m facelab.data && \
+	$(BARE) $(NBVAL) $(BARE_NOTEBOOKS) && \
+	$(BARE) $(BIN)/python -m pytest tests/browser
 
 notebooks: env data
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace \
@@ -87,8 +113,9 @@ bench: env data browser
 
 lock: env
 	$(BIN)/python -m pip install --quiet uv
-	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --extra test \
-		--no-header --no-emit-index-url --no-annotate pyproject.toml -o requirements.lock
+	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 \
+		--extra test --extra glb --generate-hashes --no-header --no-annotate \
+		--no-emit-index-url --no-emit-find-links pyproject.toml -o requirements.lock
 	$(BIN)/python tests/environment.py
 
 clean:

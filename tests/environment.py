@@ -4,22 +4,23 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PIP_ONLY = {"ezc3d", "nbval", "playwright", "pygltflib", "pythreejs"}  # from PyPI
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+EXTRAS = PROJECT["optional-dependencies"]
+REQUIREMENTS = [*PROJECT["dependencies"], *EXTRAS["glb"], *EXTRAS["test"]]
+PIP_ONLY = {"DracoPy", "ezc3d", "libigl", "nbval", "playwright", "pygltflib", "pythreejs"}  # PyPI
 
 
 def environment_yml():
     """The text that environment.yml must have, from pyproject.toml alone."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    wanted = project["dependencies"] + project["optional-dependencies"]["test"]
-    conda = [d for d in wanted if d.split(">=")[0] not in PIP_ONLY]
-    pip = [d for d in wanted if d.split(">=")[0] in PIP_ONLY]
+    conda = [d for d in REQUIREMENTS if d.split(">=")[0] not in PIP_ONLY]
+    pip = [d for d in REQUIREMENTS if d.split(">=")[0] in PIP_ONLY]
     lines = [
         "# Written by `make lock` from pyproject.toml: change that file, not this one.",
         "name: facelab",
         "channels:",
         "  - conda-forge",
         "dependencies:",
-        f"  - python{project['requires-python']},<3.14",
+        f"  - python{PROJECT['requires-python']},<3.14",
         "  - pip",
         *(f"  - {d}" for d in conda),
         "  - pip:",

@@ -1,7 +1,7 @@
 """A kernel connection without Nagle's algorithm: small messages leave at once.
 
 A drag sends a few hundred bytes a move. As the server comes, the operating system holds such
-messages back for up to 40 ms, waiting to fill a packet. `jupyter_server_config.py` names this
+messages back for up to 40 ms, waiting to fill a packet. `app/jupyter_server_config.py` names this
 class; a lab started without it works, a little less smoothly.
 """
 

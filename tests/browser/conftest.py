@@ -21,12 +21,37 @@ from jupyter_client import BlockingKernelClient
 from playwright.sync_api import sync_playwright
 
 ROOT = Path(__file__).resolve().parents[2]
+PATIENCE = 120
+"""Seconds after which something that should happen is taken not to: a busy machine is slow."""
 VOILA = "--ServerApp.jpserver_extensions={'voila.server_extension': True}"
 FLAGS = [  # software rendering, and nothing that calls home
     *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--ignore-gpu-blocklist", "--disable-background-networking", "--no-first-run"),
     *("--disable-component-update", "--disable-sync", "--disable-quic"),
 ]
+CELLS_RUN = """() => {
+  const error = document.querySelector('[data-mime-type="application/vnd.jupyter.error"]');
+  if (error) return error.textContent;
+  const prompts = [...document.querySelectorAll('.jp-CodeCell .jp-InputPrompt')];
+  return prompts.length > 0 && prompts.every(e => /\\[\\d+\\]/.test(e.textContent)); }"""
+NO_CELL_RUN = """() => [...document.querySelectorAll('.jp-CodeCell .jp-InputPrompt')].every(
+  e => /\\[ *\\]/.test(e.textContent))"""
+ECHO = """
+import anywidget as _anywidget
+
+class _Echo(_anywidget.AnyWidget):
+    _esm = '''export default { initialize({ model }) {
+      const drawn = () => new Promise(requestAnimationFrame);
+      model.on("msg:custom", ({ call }) => drawn().then(drawn).then(() => model.send({ call })));
+    } };'''
+    heard = 0
+
+    def answer(self, _, message, __):
+        self.heard = max(self.heard, message["call"])
+
+_echo = _Echo()
+_echo.on_msg(_echo.answer)
+"""
 
 
 @cache
@@ -59,7 +84,7 @@ class Lab:
             self.base = f"http://127.0.0.1:{s.getsockname()[1]}"
         self.env = {**os.environ, "JUPYTER_RUNTIME_DIR": str(self.folder / "runtime")}
         root = [] if no_delay else ["--allow-root"]  # the lab's own configuration sees to it
-        config = [f"--config={ROOT / 'jupyter_server_config.py'}"] if no_delay else []
+        config = [f"--config={ROOT / 'app' / 'jupyter_server_config.py'}"] if no_delay else []
         self.log = open(self.folder / "server.log", "w")
         program = ["jupyter", "server", VOILA] if app == "voila" else [app]
         self.server = subprocess.Popen(
@@ -72,15 +97,16 @@ class Lab:
             stderr=self.log,
             env=self.env,
         )
-        self._wait(lambda: self._get("/api") is not None, 90, f"{app} did not start")
+        self._wait(lambda: self._get("/api") is not None, PATIENCE, f"{app} did not start")
         self.browser = _playwright().chromium.launch(executable_path=find(), args=FLAGS)
         self.page = self.browser.new_page(viewport={"width": 1400, "height": 1000})
+        self.page.set_default_timeout(1000 * PATIENCE)
         self.client = None
 
     def _get(self, path):
         try:
             with urllib.request.urlopen(
-                f"{self.base}{path}?token={self.token}", timeout=5
+                f"{self.base}{path}?token={self.token}", timeout=PATIENCE
             ) as reply:
                 return json.load(reply)
         except OSError:
@@ -88,10 +114,11 @@ class Lab:
 
     def _wait(self, done, seconds, complaint):
         end = time.time() + seconds
-        while not done():
+        while not (result := done()):
             if time.time() > end or self.server.poll() is not None:
                 raise TimeoutError(f"{complaint}; server log: {self.folder / 'server.log'}")
-            time.sleep(0.3)
+            time.sleep(0.1)
+        return result
 
     def open(self, notebook, seconds=300):
         """Open a notebook, run all of it, wait until the kernel is quiet."""
@@ -100,45 +127,51 @@ class Lab:
         path = {"jupyterlab": "/lab/tree/", "notebook": "/notebooks/", "voila": "/voila/render/"}
         address = f"{self.base}{path[self.app]}{name}"
         page.goto(f"{address}?reset&token={self.token}", timeout=1000 * seconds)
-        if self.app != "voila":
-            page.wait_for_selector(".jp-Notebook .jp-Cell", timeout=90_000)
-        self._wait(lambda: self._get("/api/kernels"), 60, "no kernel started")
-        page.wait_for_timeout(1500)
-        kernel = self._get("/api/kernels")[0]["id"]
+        (kernel,) = self._wait(lambda: self._get("/api/kernels"), PATIENCE, "no kernel started")
         self.client = BlockingKernelClient()
-        self.client.load_connection_file(str(self.folder / "runtime" / f"kernel-{kernel}.json"))
+        self.client.load_connection_file(
+            str(self.folder / "runtime" / f"kernel-{kernel['id']}.json")
+        )
         self.client.start_channels()
+        self.client.wait_for_ready(timeout=seconds)
+        self._calls = 0
         if self.app != "voila":
+            page.wait_for_selector(".jp-Notebook .jp-Cell")
             self.run_cells(seconds)
         return self
 
+    def _choose(self, menu, item):
+        self.page.get_by_role("menuitem", name=menu, exact=True).click()
+        self.page.get_by_role("menuitem", name=item, exact=True).click()
+
     def run_cells(self, seconds=300):
         """Run the whole notebook by the menu, wait until the kernel is quiet."""
-        self.page.get_by_role("menuitem", name="Run", exact=True).click()
-        self.page.get_by_role("menuitem", name="Run All Cells", exact=True).click()
-        self.page.wait_for_timeout(1500)
-        self.run("pass", timeout=seconds)  # queued behind the cells
+        self.page.wait_for_selector("[data-status=idle]")  # the page has found its kernel
+        self._choose("Run", "Run All Cells")
+        end = self._wait(lambda: self.page.evaluate(CELLS_RUN), seconds, "the cells did not run")
+        assert end is True, end
+        self.settle()
 
     def restart(self):
-        """A new kernel in the same page: all that it knew is gone."""
-        kernel = self._get("/api/kernels")[0]["id"]
-        address = f"{self.base}/api/kernels/{kernel}/restart?token={self.token}"
-        urllib.request.urlopen(urllib.request.Request(address, method="POST"), timeout=60).read()
-        self.client.wait_for_ready(timeout=60)
-        self.page.wait_for_timeout(1500)
+        """A new kernel in the same page, by the menu: all that it knew is gone."""
+        self._choose("Kernel", "Restart Kernel and Clear Outputs of All Cells…")
+        self.page.locator(".jp-Dialog .jp-mod-accept").click()
+        self.page.wait_for_function(NO_CELL_RUN)
+        self.client.wait_for_ready(timeout=PATIENCE)
+        self._calls = 0
 
     def bring_into_view(self):
         """Scroll to the first canvas and wait until nothing moves it any more."""
         canvas = self.page.locator("canvas").first
-        canvas.wait_for(timeout=120_000)
+        canvas.wait_for()
         boxes = [None, "none yet"]
         while boxes[-4:] != [boxes[-1]] * 4:  # pictures that come late move the page
+            self.settle()
             canvas.scroll_into_view_if_needed()
-            self.page.wait_for_timeout(400)
             boxes.append(canvas.bounding_box())
             assert len(boxes) < 80, "the page does not come to rest"
 
-    def run(self, source, timeout=60, **expressions):
+    def run(self, source, timeout=PATIENCE, **expressions):
         """Run source in the notebook's kernel; values of expressions come back through JSON."""
         asked = {k: f"__import__('json').dumps({v})" for k, v in expressions.items()}
         ident = self.client.execute(source, silent=False, user_expressions=asked)
@@ -155,10 +188,27 @@ class Lab:
         return values
 
     def settle(self):
-        """Wait until the page and the kernel have heard each other out."""
-        self.page.wait_for_timeout(400)
-        self.run("pass")
-        self.page.wait_for_timeout(400)
+        """Wait until the page and the kernel have heard each other out, and the page is drawn.
+
+        A call that comes back means that each has heard all that the other sent before it. But a
+        widget of the page keeps changes back until the kernel has dealt with its last one: those
+        are heard by the second call. What the kernel answers to them is drawn by the third.
+        """
+        if not self._calls:
+            self.run(ECHO)
+        for _ in range(3):
+            self._calls += 1
+            self._wait(self._called, PATIENCE, "the page does not answer")
+
+    def _called(self):
+        """Call the page; again, when it does not answer: at first it may not know the echo yet."""
+        self.run(f"_echo.send({{'call': {self._calls}}})")
+        end = time.time() + 2
+        while self.run("", heard="_echo.heard")["heard"] < self._calls:
+            if time.time() > end:
+                return False
+            time.sleep(0.01)
+        return True
 
     def close(self):
         """End browser, kernel and server."""

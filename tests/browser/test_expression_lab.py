@@ -1,9 +1,9 @@
 """The expression lab as a person uses it, in JupyterLab: sliders, buttons and bars of the page."""
 
-import nbformat
 import numpy as np
 import pytest
-from conftest import Lab
+from conftest import Lab, write_notebook
+from playwright.sync_api import expect
 
 CELL = """
 import facelab, numpy as np
@@ -22,13 +22,9 @@ lab
 @pytest.fixture(scope="module")
 def page_lab(tmp_path_factory):
     folder = tmp_path_factory.mktemp("expression")
-    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)], metadata=kernel)
-    (folder / "source").mkdir()
-    nbformat.write(notebook, folder / "source" / "expression.ipynb")
     lab = Lab(folder)
     try:
-        lab.open(folder / "source" / "expression.ipynb")
+        lab.open(write_notebook(folder / "source" / "expression.ipynb", [CELL]))
         lab.page.locator(".facelab-unit").first.wait_for()
         lab.settle()
         yield lab
@@ -66,7 +62,7 @@ def test_alpha_and_locks_move_face_and_bars_and_undo_brings_them_back(page_lab):
     assert moved_alpha < alpha - 1 and np.abs(moved_V - V).max() > 0.5
     assert bar(lab, strongest) == pytest.approx(100 * moved_w[k], abs=0.1)
     assert face.screenshot() != before, "the page shows no change"
-    assert page.get_by_text(f"α = {moved_alpha:g}: sum").is_visible()
+    expect(page.get_by_text(f"α = {moved_alpha:g}: sum")).to_be_visible()
 
     page.get_by_label(f"lock {strongest}", exact=True).click()
     page.get_by_role("button", name="Best α").click()
@@ -104,7 +100,7 @@ def test_another_sketch_is_loaded_pulled_and_a_bad_one_refused_in_the_page(page_
 
     sources.select_option("broken")
     lab.settle()
-    assert page.get_by_text("sketch has shape (396, 3)").is_visible()
+    expect(page.get_by_text("sketch has shape (396, 3)")).to_be_visible()
     assert sources.input_value() == "second"
     np.testing.assert_array_equal(state(lab)[2], V)
 
@@ -125,5 +121,5 @@ def test_another_sketch_is_loaded_pulled_and_a_bad_one_refused_in_the_page(page_
     page.mouse.up()
     lab.settle()
     assert lab.run("", o="session.state.origin")["o"] == "pulled by hand"
-    assert not page.get_by_text("sketch has shape").is_visible()
+    expect(page.get_by_text("sketch has shape")).not_to_be_visible()
     assert np.abs(state(lab)[1] - w).max() > 0.01, "the units should have followed the pull"

@@ -1,12 +1,15 @@
 """The lab as a person uses it: a mouse on a canvas in Jupyter, checked by the vertices."""
 
+import io
 import os
 import time
 from pathlib import Path
 
+import matplotlib.image
 import numpy as np
 import pytest
-from conftest import ROOT, Lab
+from conftest import PATIENCE, ROOT, Lab, write_notebook
+from playwright.sync_api import expect
 
 SMIRK = 8 * np.array([0.5, np.sqrt(0.75), 0])
 
@@ -43,18 +46,18 @@ def on_page(lab, points):
     return [(box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in at]
 
 
-def wait_until(lab, condition, seconds=20):
+def wait_until(lab, condition):
     """Wait for a condition in the kernel: a busy machine hears of the mouse late."""
-    end = time.time() + seconds
+    end = time.time() + PATIENCE
     while not lab.run("", c=f"bool({condition})")["c"]:
-        assert time.time() < end, f"{condition} did not come true in {seconds} s"
-        lab.page.wait_for_timeout(100)
+        assert time.time() < end, f"{condition} did not come true in {PATIENCE} s"
+        lab.page.wait_for_timeout(50)
 
 
 def hover(lab, spot):
     """Move the mouse to a spot of the face, and wait until the lab has seen it there."""
     lab.page.mouse.move(spot[0] + 6, spot[1] + 3)
-    lab.page.wait_for_timeout(250)
+    lab.settle()
     lab.page.mouse.move(*spot)
     wait_until(lab, "lab.view._hover.visible and not lab.view._orbit.enableRotate")
     lab.settle()
@@ -88,7 +91,7 @@ def snapshot(lab, name):
 
 def show_tab(lab, name):
     lab.page.locator(".lm-TabBar-tabLabel", has_text=name).first.click()
-    lab.page.wait_for_timeout(300)
+    lab.settle()
 
 
 def drag_slider(lab, label, pixels):
@@ -101,7 +104,7 @@ def drag_slider(lab, label, pixels):
     lab.page.mouse.down()
     for step in range(1, 6):
         lab.page.mouse.move(x + pixels * step / 5, y)
-        lab.page.wait_for_timeout(80)
+        lab.settle()  # so that the kernel hears of each
     lab.page.mouse.up()
     lab.settle()
 
@@ -113,7 +116,7 @@ def test_an_untouched_lab_has_the_values_of_the_paper_and_nothing_to_undo(posing
 
 def test_nothing_of_the_lab_sticks_out_of_a_page_of_1280_by_800(fresh):
     fresh.page.set_viewport_size({"width": 1280, "height": 800})
-    fresh.page.wait_for_timeout(500)
+    fresh.settle()
     for tab in ("Pose", "Shape", "Poses", "Clip", "Files"):
         show_tab(fresh, tab)
         out = fresh.page.evaluate(
@@ -129,7 +132,7 @@ def test_nothing_of_the_lab_sticks_out_of_a_page_of_1280_by_800(fresh):
         snapshot(fresh, f"tab_{tab.lower()}")
         assert not out, f"in the tab {tab}: {out[:3]}"
     fresh.page.set_viewport_size({"width": 1400, "height": 1000})
-    fresh.page.wait_for_timeout(500)
+    fresh.settle()
 
 
 def test_pulling_a_mouth_corner_by_8_mm_smirks_on_that_side_and_leaves_the_eyes(fresh):
@@ -207,7 +210,7 @@ def press(lab, key):
     lab.page.locator("canvas").first.scroll_into_view_if_needed()
     box = lab.page.locator("canvas").first.bounding_box()
     lab.page.mouse.click(box["x"] + 10, box["y"] + 10)  # a cell being edited gives up the keys
-    lab.page.wait_for_timeout(300)
+    lab.settle()
     lab.page.keyboard.press(key)
     lab.settle()
 
@@ -281,22 +284,25 @@ def test_a_slider_molds_the_region_that_was_clicked(fresh):
     assert (moved[inside] ** 2).sum() > 0.5 * (moved**2).sum()
 
 
+def turn(lab, pixels):
+    """Turn the face by a drag beside it."""
+    box = lab.page.locator("canvas").first.bounding_box()
+    x, y = box["x"] + 30, box["y"] + box["height"] - 40
+    lab.page.mouse.move(x, y)
+    lab.settle()
+    lab.page.mouse.down()
+    lab.page.mouse.move(x + pixels, y, steps=9)
+    lab.page.mouse.up()
+    lab.settle()
+
+
 def test_dragging_beside_the_face_turns_it_and_a_drag_then_moves_in_the_view_plane(fresh):
     before = vertices(fresh)
-    box = fresh.page.locator("canvas").first.bounding_box()
-    x, y = box["x"] + 30, box["y"] + box["height"] - 40
-    fresh.page.mouse.move(x, y)
-    fresh.settle()
-    fresh.page.mouse.down()
-    for step in range(10):
-        fresh.page.mouse.move(x + 12 * step, y)
-    fresh.page.mouse.up()
-    fresh.settle()
+    turn(fresh, 108)
     eye = fresh.run("", e="list(lab.view._camera.position)")["e"]
     assert abs(eye[0]) > 50, "the camera should have gone round"
     np.testing.assert_array_equal(vertices(fresh), before)
-    ahead = np.array(eye) - fresh.run("", t="lab.view._target.tolist()")["t"]
-    ahead /= np.linalg.norm(ahead)
+    ahead = np.array(eye) / np.linalg.norm(eye)
     across = np.cross([0, 1, 0], ahead)
     pull(fresh, "nose_tip", 3 * across / np.linalg.norm(across))
     went = way_of_pin(fresh)
@@ -316,7 +322,7 @@ def way_of_pin(lab):
     """From where the vertex of the newest pin was in the neutral to its target, mm."""
     start, target = lab.run(
         "",
-        p="[[face.vertices[v].tolist(), t.tolist()] for v, t in session.pins.items()]",
+        p="[[session.neutral.vertices[v].tolist(), t.tolist()] for v, t in session.pins.items()]",
     )["p"][-1]
     return np.array(target) - start
 
@@ -341,11 +347,11 @@ def test_an_error_in_a_callback_is_shown_in_the_page_and_the_pose_stays(fresh):
     before = vertices(fresh)
     fresh.run("def boom(*_):\n    raise ValueError('a planted mishap')\nlab.session.drag = boom")
     pull(fresh, "mouth_corner_left", [2, 4, 0])
-    assert fresh.page.get_by_text("a planted mishap").is_visible()
+    expect(fresh.page.get_by_text("a planted mishap").first).to_be_visible()
     np.testing.assert_array_equal(vertices(fresh), before)
     fresh.run("del lab.session.drag")
     pull(fresh, "mouth_corner_left", [2, 4, 0])
-    assert not fresh.page.get_by_text("a planted mishap").is_visible()
+    expect(fresh.page.get_by_text("a planted mishap")).not_to_be_visible()
     assert np.abs(vertices(fresh) - before).max() > 1
 
 
@@ -354,7 +360,7 @@ def test_a_pose_saved_before_the_kernel_was_restarted_is_loaded_after(fresh):
     posed = vertices(fresh)
     show_tab(fresh, "Files")
     click(fresh, "Save")
-    assert fresh.page.get_by_text("Wrote").first.is_visible()
+    expect(fresh.page.get_by_text("Wrote").first).to_be_visible()
     fresh.restart()
     fresh.run_cells()
     fresh.bring_into_view()
@@ -365,19 +371,70 @@ def test_a_pose_saved_before_the_kernel_was_restarted_is_loaded_after(fresh):
     snapshot(fresh, "loaded")
 
 
-@pytest.mark.parametrize("app", ["notebook", "voila"])
-def test_the_page_works_in_notebook_7_and_as_a_page_of_its_own(app, tmp_path):
-    pytest.importorskip(app)
-    lab = Lab(tmp_path, app=app)
+def test_the_page_of_its_own_works_as_make_app_shows_it(tmp_path):
+    pytest.importorskip("voila")
+    lab = Lab(tmp_path, app="voila")
     try:
         lab.open(ROOT / "app" / "posing.ipynb")
         lab.bring_into_view()
         lab.run("session = lab.session")
         neutral = vertices(lab)
         pull(lab, "mouth_corner_left", SMIRK)
-        snapshot(lab, app)
+        snapshot(lab, "voila")
         corner = landmark(lab, "mouth_corner_left")
         assert np.linalg.norm(vertices(lab)[corner] - neutral[corner]) > 4
+        press(lab, "z")
+        np.testing.assert_array_equal(vertices(lab), neutral)
+    finally:
+        lab.close()
+
+
+FAR = """
+import numpy as np
+import facelab
+from facelab.widgets import PosingLab
+example = facelab.load_example()
+V = example.rig.neutral.vertices
+away = np.array([300.0, -200.0, 150.0]) - (V.min(axis=0) + V.max(axis=0)) / 2
+face = example.rig.neutral.with_vertices(V + away)
+props = [(part.with_vertices(part.vertices + away), colors) for part, colors in example.props]
+samples, control = face.subsample(397, keep=[face.landmarks["mouth_corner_left"]])
+motion = example.rig.on(samples, control).animate(example.train)
+model = facelab.HolisticModel(20).fit(motion.displacements())
+session = facelab.PosingSession(model, face, binding=facelab.bind(face, samples))
+lab = PosingLab(session, props=props)
+lab
+"""
+
+
+def middle_on_canvas(lab):
+    """Middle of what is drawn on the first canvas, as fractions of its width and height."""
+    picture = lab.page.locator("canvas").first.screenshot()
+    pixels = matplotlib.image.imread(io.BytesIO(picture))[..., :3]
+    drawn = np.abs(pixels - pixels[0, 0]).max(axis=2) > 0.1  # the corner shows the background
+    return [np.flatnonzero(drawn.any(axis=a))[[0, -1]].mean() / drawn.shape[1 - a] for a in (0, 1)]
+
+
+@pytest.mark.parametrize("app", ["jupyterlab", "notebook", "voila"])
+def test_a_face_far_from_the_origin_stands_in_the_middle_and_is_turned_and_pulled_there(
+    app, tmp_path
+):
+    pytest.importorskip(app)
+    lab = Lab(tmp_path, app=app)
+    try:
+        lab.open(write_notebook(tmp_path / "source" / "far.ipynb", [FAR]))
+        lab.bring_into_view()
+        snapshot(lab, f"far_{app}")
+        # the front of a face is nearer than its middle, so its edges are a little off
+        assert middle_on_canvas(lab) == pytest.approx([0.5, 0.5], abs=0.05)
+        neutral, corner = vertices(lab), landmark(lab, "mouth_corner_left")
+        pull(lab, "mouth_corner_left", SMIRK)
+        moved = vertices(lab)[corner] - neutral[corner]
+        assert moved @ SMIRK / np.linalg.norm(SMIRK) > 4
+        went = way_of_pin(lab)
+        np.testing.assert_allclose(went, SMIRK, atol=0.5)
+        turn(lab, 96)
+        assert middle_on_canvas(lab)[0] == pytest.approx(0.5, abs=0.1)
         press(lab, "z")
         np.testing.assert_array_equal(vertices(lab), neutral)
     finally:
