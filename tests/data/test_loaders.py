@@ -8,8 +8,8 @@ import pytest
 from facelab.data import __main__ as command
 from facelab.data import cache
 from facelab.data import ict as ict_module
-from facelab.data.cache import DataUnavailable
 from facelab.data.actors import load_template
+from facelab.data.cache import DataUnavailable
 from facelab.data.examples import load_example, synthetic_props
 from facelab.data.ict import load_ict_facekit, load_ict_props
 from facelab.data.takes import TAKES, load_take
