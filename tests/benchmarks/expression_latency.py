@@ -13,7 +13,7 @@ import nbformat
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "browser"))
-from conftest import Lab
+from browser_lab import Lab
 
 CELL = """
 import facelab, numpy as np, time

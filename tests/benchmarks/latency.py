@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "browser"))
-from conftest import Lab, write_notebook
+from browser_lab import Lab, write_notebook
 
 CELLS = (
     """

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import Lab, write_notebook
+from browser_lab import Lab, write_notebook
 from playwright.sync_api import expect
 
 CELL = """

@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
-from conftest import PATIENCE, ROOT, Lab, write_notebook
+from browser_lab import PATIENCE, ROOT, Lab, write_notebook
 from playwright.sync_api import expect
 
 SMIRK = 8 * np.array([0.5, np.sqrt(0.75), 0])
