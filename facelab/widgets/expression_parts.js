@@ -117,11 +117,23 @@ function curve({ model, el }) {
 // A row for each unit: picture, name, bar (to be dragged), lock, exclude.
 function bars({ model, el }) {
   el.classList.add("facelab-units");
-  let serial = 0;
-  const tell = (what, unit, value) => {
-    model.set("edit", [what, unit, value, ++serial]);
-    model.save_changes();
+  // Edits arrive in order, and none is lost: while the kernel is busy with some the next ones wait;
+  // of a drag only its last place does.
+  let waiting = [];
+  let asked = null;
+  const send = () => {
+    asked = waiting.length ? Math.random() : null;
+    if (asked) model.send({ edits: waiting, asked });
+    waiting = [];
   };
+  const tell = (what, unit, value) => {
+    const last = waiting[waiting.length - 1];
+    if (what === "weight" && last?.[0] === "weight" && last[1] === unit) waiting.pop();
+    waiting.push([what, unit, value]);
+    if (!asked) send();
+  };
+  const hear = ({ heard }) => heard === asked && send();
+  model.on("msg:custom", hear);
   const rows = model.get("units").map((unit, index) => {
     const row = html("div", "facelab-unit", el);
     row.title = unit.tip;
@@ -184,7 +196,8 @@ function bars({ model, el }) {
     });
   };
   draw();
-  return follow(model, ["weights", "states"], draw);
+  const undraw = follow(model, ["weights", "states"], draw);
+  return () => { undraw(); model.off("msg:custom", hear); };
 }
 
 export default { render: (context) => (context.model.get("kind") === "curve" ? curve : bars)(context) };

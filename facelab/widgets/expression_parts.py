@@ -66,9 +66,16 @@ class UnitBars(_Part):
     units = traitlets.List().tag(sync=True)
     weights = traitlets.List().tag(sync=True)
     states = traitlets.List().tag(sync=True)
-    edit = traitlets.List().tag(sync=True, echo_update=False)
 
     def __init__(self, units, on_edit):
         blank = {"weights": [0.0] * len(units), "states": ["free"] * len(units)}
         super().__init__(kind="bars", units=units, **blank)
-        self.observe(lambda change: on_edit(*change["new"][:3]), names="edit")
+        self.on_edit = on_edit
+        self.on_msg(self._hear)
+
+    def _hear(self, _, message, __):
+        try:
+            for edit in message["edits"]:
+                self.on_edit(*edit)
+        finally:
+            self.send({"heard": message["asked"]})

@@ -4,6 +4,7 @@ import ast
 import atexit
 import json
 import os
+import queue
 import secrets
 import shutil
 import socket
@@ -132,8 +133,7 @@ class Lab:
             str(self.folder / "runtime" / f"kernel-{kernel['id']}.json")
         )
         self.client.start_channels()
-        self.client.wait_for_ready(timeout=seconds)
-        self._calls = 0
+        self._meet_kernel(seconds)
         if self.app != "voila":
             page.wait_for_selector(".jp-Notebook .jp-Cell")
             self.run_cells(seconds)
@@ -156,7 +156,19 @@ class Lab:
         self._choose("Kernel", "Restart Kernel and Clear Outputs of All Cells…")
         self.page.locator(".jp-Dialog .jp-mod-accept").click()
         self.page.wait_for_function(NO_CELL_RUN)
-        self.client.wait_for_ready(timeout=PATIENCE)
+        self._meet_kernel(PATIENCE)
+
+    def _meet_kernel(self, seconds):
+        """Wait until a new kernel answers; what it is asked before it is there gets lost."""
+
+        def answers():
+            try:
+                self.run("pass", timeout=5)
+            except queue.Empty:
+                return False
+            return True
+
+        self._wait(answers, seconds, "the kernel does not answer")
         self._calls = 0
 
     def bring_into_view(self):

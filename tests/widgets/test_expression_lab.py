@@ -76,9 +76,10 @@ def let_go(lab):
     lab.sketch_view._up.point = (1.0, 1.0, 1.0)
 
 
-def edit(lab, what, name, weight=0.0, count=[0]):  # noqa: B006, a serial number as the page sends
-    count[0] += 1
-    lab.bars.edit = [what, NAMES.index(name), weight, count[0]]
+def edit(lab, what, name, weight=0.0):
+    """What the page sends after an edit of a unit's bar or a click on its buttons."""
+    edits = [[what, NAMES.index(name), weight]]
+    lab.bars._handle_custom_msg({"edits": edits, "asked": 0.5}, [])
 
 
 def test_a_new_lab_shows_the_sketch_and_the_face_its_units_make(lab):
@@ -151,6 +152,18 @@ def test_units_are_locked_excluded_set_by_hand_and_freed(lab):
     edit(lab, "exclude", "AU1")
     lab.free.click()
     assert lab.bars.states == ["free"] * 6 and shows_the_session(lab)
+
+
+def test_edits_that_waited_for_the_kernel_count_one_by_one_and_the_page_is_told(lab, monkeypatch):
+    told, refused = [], NAMES.index("AU35")
+    monkeypatch.setattr(lab.bars, "send", told.append)
+    k = NAMES.index("AU12R")
+    edits = [["weight", k, 0.6], ["settle", k, 0], ["lock", NAMES.index("AU4"), 0]]
+    lab.bars._handle_custom_msg({"edits": edits, "asked": 0.25}, [])
+    locked = lab.session.state.locked
+    assert set(locked) == {"AU12R", "AU4"} and locked["AU12R"] == 0.6
+    lab.bars._handle_custom_msg({"edits": [["weight", refused, 7.0]], "asked": 0.5}, [])
+    assert told == [{"heard": 0.25}, {"heard": 0.5}], "a page that is not told would wait for ever"
 
 
 def test_pulling_the_sketch_pulls_single_vertices_and_the_units_follow_at_once(lab):
