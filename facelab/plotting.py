@@ -240,7 +240,7 @@ def draw_weights(ax, weights, main, named):
     places += np.mean(bars - places) if len(bars) else 0
     places += max(2 - places.min(initial=2), 0)
     for name, bar, place in zip(named, bars, places, strict=True):
-        look = dict(rotation=90, ha="center", va="bottom", fontsize=7)
+        look = dict(rotation=90, ha="center", va="bottom", fontsize=7, parse_math=False)
         line = dict(arrowstyle="-", lw=0.5, color="#777777", shrinkA=0, shrinkB=1)
         ax.annotate(name, (bar, weights[name]), (place, 1.12), arrowprops=line, **look)
     ax.set_axis_on()

@@ -2,9 +2,6 @@
 
 import base64
 import functools
-import html
-import tempfile
-from contextlib import contextmanager
 from pathlib import Path
 
 import ipywidgets as widgets
@@ -18,8 +15,8 @@ from facelab.expression.session import ALPHAS, BOUNDS, ExpressionSession
 from facelab.motion import MotionSequence
 from facelab.posing.sculpt import Sculpt
 from facelab.posing.session import PosingSession
-from facelab.widgets.errors import error_box, shows_errors
 from facelab.widgets.expression_parts import AlphaCurve, UnitBars
+from facelab.widgets.page import Page, path_in, quiet, shows_errors, uploaded, written
 from facelab.widgets.thumbnail import Thumbnails
 from facelab.widgets.viewer import JITTER, FaceView
 
@@ -46,7 +43,7 @@ def _own(method):
     return shows_errors(acting)
 
 
-class ExpressionLab:
+class ExpressionLab(Page):
     """A page in which a sketched expression is explained by action units.
 
     Parameters
@@ -78,6 +75,8 @@ class ExpressionLab:
         The whole page; a lab shows itself as the last line of a cell.
     """
 
+    _after_error = "Sketch and weights are as they were."
+
     def __init__(
         self, session, sketches=None, others=None, props=(), folder=".", width=290, height=330
     ):
@@ -98,13 +97,10 @@ class ExpressionLab:
         self.sketch_view.on_release = self._release
         self._puller = self._other_view = self._rms = None
         self._other_note = ""
-        self._painted = self._settling = self._pulling = self._acting = False
+        self._painted = self._pulling = self._acting = False
         self._build_parts()
         self._build_page()
         self.refresh()
-
-    def _repr_mimebundle_(self, **kwargs):
-        return self.widget._repr_mimebundle_(**kwargs)
 
     # --- the page ---------------------------------------------------------------------------------
 
@@ -164,8 +160,8 @@ class ExpressionLab:
             description="Save", icon="save", layout={"width": "79px"},
             tooltip=".csv: a table; .livelink.csv: ARKit names; .json: a pose; .obj: the face",
         )  # fmt: skip
-        self._status, self._message, self._key = (widgets.HTML() for _ in range(3))
-        self._sum = widgets.HTML()
+        self._build_messages()
+        self._key, self._sum = widgets.HTML(), widgets.HTML()
 
     def _build_page(self):
         top = widgets.HBox([self.source, self.frame, self.upload, self.unit])
@@ -226,8 +222,8 @@ class ExpressionLab:
     def refresh(self):
         """Show the session as it is now, sketch and settings too."""
         state = self.session.state
-        self._message.value = ""
-        with self._setting():
+        self.clear()
+        with quiet(self):
             self.sketch_view.show(self.session.sketch)
             self.sketch_view.show_pins(*self._pins())
             name, frame = self._place_of(state.origin)
@@ -244,15 +240,6 @@ class ExpressionLab:
             self._show_history()
         self._show_answer()
         self._show_difference()
-
-    @contextmanager
-    def _setting(self):
-        """While the lab sets its own controls: what they report is no edit."""
-        self._settling = True
-        try:
-            yield
-        finally:
-            self._settling = False
 
     @shows_errors
     def _follow(self, _):
@@ -277,7 +264,7 @@ class ExpressionLab:
         weights = np.round(session.weights, 4)
         self.bars.weights = weights.tolist()
         self.bars.states = [self._state_of(name) for name in session.names]
-        with self._setting(), self.curve.hold_sync():
+        with quiet(self), self.curve.hold_sync():
             if fit.rms is not self._rms:
                 self._rms, self.curve.rms = fit.rms, np.round(fit.rms, 4).tolist()
             self.curve.best, self.curve.reach = fit.best, min(session.reach[1], 1e6)
@@ -301,14 +288,14 @@ class ExpressionLab:
             f"α = {session.alpha:g}{following}: sum {session.weights.sum():.2f}, "
             f"RMS {session.rms:.3f} mm"
         )
-        said = [html.escape(note) for note in (session.note, self._other_note) if note]
+        said = [note for note in (session.note, self._other_note) if note]
         if over.max() > 0.05:
             where = "stopped at" if session.state.clamp else "beyond"
             said.append(
                 f"{np.count_nonzero(over > 0.05)} vertices {where} their boundary, the furthest by "
                 f"{over.max():.1f} mm."
             )
-        self._status.value = f'<span style="color:#555">{" ".join(said or [_HINT])}</span>'
+        self.say(" ".join(said or [_HINT]))
 
     def _show_difference(self, _=None):
         """The scale of the colours: set anew when something has settled, not while it moves."""
@@ -324,7 +311,7 @@ class ExpressionLab:
             self.view.paint(None)
         self._painted = self.difference.value
 
-    def _fail(self, error):
+    def fail(self, error):
         """Show an error, give up the drag it happened in, and keep the last good state."""
         self.sketch_view.end_drag()
         if self._pulling:
@@ -332,7 +319,7 @@ class ExpressionLab:
         self._pulling = False
         self.session.settle()
         self.refresh()
-        self._message.value = error_box(error, "Sketch and weights are as they were.")
+        super().fail(error)
 
     # --- the mouse on the sketch ------------------------------------------------------------------
 
@@ -363,7 +350,7 @@ class ExpressionLab:
         self._pulling = self._clicking = True
         D = self._puller.press(vertex)
         self._held, self._from = vertex, self._puller.pins[vertex]
-        self._message.value = ""
+        self.clear()
         session.settle()
         self.sketch_view.show_hover(None)
         self._morphs = D is not None  # else the pose is not affine in the pull
@@ -416,7 +403,7 @@ class ExpressionLab:
     def _set(self, **changes):
         """Pass on what only changes the answer: quick enough for a slider on the move."""
         self.session.set(**changes)
-        self._message.value = ""
+        self.clear()
         self._show_answer()
         self._show_history()
 
@@ -453,7 +440,7 @@ class ExpressionLab:
             session.settle()
         else:
             session.exclude(name)
-        self._message.value = ""
+        self.clear()
         self._show_answer()
         self._show_history()
 
@@ -509,11 +496,7 @@ class ExpressionLab:
     def _take_file(self, change):
         if not change["new"]:
             return
-        (file,) = change["new"]
-        self.upload.value = ()
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / Path(file["name"]).name
-            path.write_bytes(file["content"])
+        with uploaded(self.upload) as path:
             self.session.load_file(path, _UNITS_OF_LENGTH[self.unit.value], path.name)
         self.refresh()
 
@@ -535,11 +518,9 @@ class ExpressionLab:
 
     @shows_errors
     def _save(self, _):
-        path = self.folder / self.file.value
+        path = path_in(self.folder, self.file.value)
         left_out = self.session.save(path)
-        self._message.value = (
-            f"<span>Saved {html.escape(str(path))}. {html.escape(left_out)}</span>"
-        )
+        self._message.value = written(path, left_out)
 
 
 def _nice(value):

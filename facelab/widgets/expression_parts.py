@@ -1,20 +1,15 @@
 """What the expression lab draws itself: the error over alpha, and a bar for each unit."""
 
-from pathlib import Path
-
-import anywidget
 import traitlets
 
-_HERE = Path(__file__).parent
+from facelab.widgets.parts import Part, drawn_by
 
 
-class _Part(anywidget.AnyWidget):
-    _esm = (_HERE / "expression_parts.js").read_text()
-    _css = (_HERE / "expression_parts.css").read_text()
-    kind = traitlets.Unicode().tag(sync=True)
+class _Drawn(Part):
+    _esm, _css = drawn_by("expression_parts")
 
 
-class AlphaCurve(_Part):
+class AlphaCurve(_Drawn):
     """RMS distance over alpha, the best one and the present one marked, and a slider below.
 
     Parameters
@@ -45,7 +40,7 @@ class AlphaCurve(_Part):
         self.observe(lambda change: on_choose(change["new"]), names="place")
 
 
-class UnitBars(_Part):
+class UnitBars(_Drawn):
     """A row for each unit: picture, name, bar, lock, exclude.
 
     Parameters

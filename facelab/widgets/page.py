@@ -1,73 +1,141 @@
-"""Parts of a page that ipywidgets lacks: keys under the mouse, lists with pictures and buttons."""
+"""What every page shares: it shows itself, says what went wrong, takes files in and gives them out.
 
+Text that is not ours (names from files, messages of errors) becomes HTML only through `markup`,
+which escapes it.
+"""
+
+import base64
+import functools
+import tempfile
+import traceback
+from contextlib import contextmanager
 from pathlib import Path
 
-import anywidget
-import traitlets
+import ipywidgets as widgets
+from markupsafe import Markup
 
-_HERE = Path(__file__).parent
-ROOT = "facelab-lab"
-"""Class of the element within which keys are heard."""
+_LINKED_BYTES = 12e6  # larger files get no link in the page
 
 
-class _Part(anywidget.AnyWidget):
-    _esm = (_HERE / "page.js").read_text()
-    _css = (_HERE / "page.css").read_text()
-    kind = traitlets.Unicode().tag(sync=True)
+def markup(template, /, *texts, **named):
+    """HTML of a template of ours with texts put in at its {}, each escaped.
+
+    Examples
+    --------
+    >>> from facelab.widgets.page import markup
+    >>> print(markup("<b>{}</b>", "<img src=x>"))
+    <b>&lt;img src=x&gt;</b>
+    """
+    return Markup(template).format(*texts, **named)
 
 
-class Keys(_Part):
-    """Hears keys while the mouse is over the lab, and when the mouse goes down beside a canvas.
+def shows_errors(method):
+    """Pass what a callback raises on to the `fail` of its page: else nobody would see it.
 
-    Parameters
-    ----------
-    reactions : dict of str to callable
-        By name of the key as the browser names it, lower case ("z", "Ctrl+z", "Escape", "Space").
-    on_press : callable
-        Called when the mouse goes down on a slider or a button, before that does anything.
+    Its `step_made` tells whether the state of the page's session, if it has one, is another now.
     """
 
-    heard = traitlets.List(traitlets.Unicode()).tag(sync=True)
-    root = traitlets.Unicode(ROOT).tag(sync=True)
+    @functools.wraps(method)
+    def guarded(self, *args, **kwargs):
+        session = getattr(self, "session", None)
+        before = getattr(session, "state", None)
+        try:
+            return method(self, *args, **kwargs)
+        except Exception as error:
+            error.step_made = getattr(session, "state", None) is not before
+            self.fail(error)
 
-    def __init__(self, reactions, on_press):
-        super().__init__(kind="keys", heard=list(reactions))
-        self.reactions, self.on_press = reactions, on_press
-        self.on_msg(self._hear)
-
-    def _hear(self, _, message, __):
-        if "key" in message:
-            self.reactions[message["key"]]()
-        else:
-            self.on_press()
+    return guarded
 
 
-class ItemList(_Part):
-    """A list of rows or pictures with buttons.
+@contextmanager
+def quiet(page):
+    """Within, what is set on sliders and buttons is no edit of the person."""
+    before, page._settling = page._settling, True
+    try:
+        yield
+    finally:
+        page._settling = before
 
-    Parameters
-    ----------
-    shape : {"rows", "choice", "strip"}
-        Plain rows, rows of which one is chosen, or a strip of pictures.
-    react : callable
-        Called with ("choose" or the name of a button, id of the item).
-    empty : str
-        What to show for no items.
 
-    Attributes
-    ----------
-    items : list of dict
-        Each with id and name; and note, tip, color, picture (PNG as base64), bar (0 to 1) with
-        bar_color, buttons (name, sign, tip, whether pressed), as it has them.
-    chosen : int
-        Place of the chosen item, -1 for none.
+class Page:
+    """One base for all labs and views. Its `widget` is the whole page.
+
+    A page shows itself as the last line of a cell. It has a line for what is going on (`say`) and
+    a box for what went wrong (`fail`).
     """
 
-    shape = traitlets.Unicode().tag(sync=True)
-    empty = traitlets.Unicode().tag(sync=True)
-    items = traitlets.List().tag(sync=True)
-    chosen = traitlets.Int(-1).tag(sync=True)
+    _after_error = "The face is as it was."
+    _settling = False
+    _width = None
 
-    def __init__(self, shape, react, empty=""):
-        super().__init__(kind="list", shape=shape, empty=empty)
-        self.on_msg(lambda _, message, __: react(message["do"], message["item"]))
+    def _build_messages(self):
+        self._status = widgets.HTML(layout={"width": self._width})
+        self._message = widgets.HTML()
+
+    def _repr_mimebundle_(self, **kwargs):
+        return self.widget._repr_mimebundle_(**kwargs)
+
+    def say(self, text):
+        """Show what is going on: a text, escaped, or `markup`."""
+        said = markup('<div style="color:#555;line-height:1.35;max-width:60em">{}</div>', text)
+        if self._status.value != said:
+            self._status.value = said
+
+    def fail(self, error):
+        """Show an error: what happened, where, and in words what is shown now."""
+        frames = traceback.extract_tb(error.__traceback__)
+        where = f"{frames[-1].name}, line {frames[-1].lineno}" if frames else ""
+        self._message.value = markup(
+            '<div style="border-left:4px solid #b00020;padding:4px 8px;background:#fdecee;'
+            'color:#5f0011;line-height:1.35"><b>That did not work.</b> {}<br>{}: {}<br>'
+            "<small>{}</small></div>",
+            *(self._after_error, type(error).__name__, error, where),
+        )
+
+    def clear(self):
+        """Take away what the last error said."""
+        self._message.value = ""
+
+
+@contextmanager
+def uploaded(upload):
+    """The path of the file that was given to a `FileUpload`, for as long as it is needed."""
+    (file,) = upload.value
+    upload.value = ()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / Path(file["name"].replace("\\", "/")).name
+        path.write_bytes(bytes(file["content"]))
+        yield path
+
+
+def path_in(folder, name, ending=""):
+    """Path of a file in a folder from what a person typed; it stays inside.
+
+    Raises
+    ------
+    ValueError
+        For an empty name, or one that is more than a name.
+    """
+    name = name.strip()
+    if not name:
+        raise ValueError("name is empty; write a file name.")
+    if name in (".", "..") or any(sign in name for sign in "/\\:\0"):
+        raise ValueError(
+            f"name={name!r} leads out of the folder of the lab; write a file name alone, without "
+            "/, \\ or :."
+        )
+    return Path(folder) / (name if name.endswith(ending) else name + ending)
+
+
+def written(path, note=""):
+    """What was written and where, with a link to download it."""
+    size = path.stat().st_size
+    link = ""
+    if size <= _LINKED_BYTES:
+        link = markup(
+            ' <a download="{}" href="data:application/octet-stream;base64,{}"><u>Download</u></a>',
+            *(path.name, base64.b64encode(path.read_bytes()).decode()),
+        )
+    text = '<div style="line-height:1.4">Wrote <b>{}</b>, {:,.0f} kB. {}{}</div>'
+    return markup(text, str(path), size / 1e3, note, link)

@@ -3,13 +3,13 @@
 import ipywidgets as widgets
 
 from facelab.motion import MarkerSequence, MotionSequence
-from facelab.widgets.errors import error_box, shows_errors
+from facelab.widgets.page import Page, shows_errors
 from facelab.widgets.viewer import FaceView
 
 _SHOWN_PER_SECOND = 25  # no more frames than this are sent to the page
 
 
-class Player:
+class Player(Page):
     """A page in which a take is played.
 
     Parameters
@@ -60,9 +60,6 @@ class Player:
         )
         self._show(0)
 
-    def _repr_mimebundle_(self, **kwargs):
-        return self.widget._repr_mimebundle_(**kwargs)
-
     def _build_controls(self, width):
         last, fps = self.motion.n_frames - 1, self.motion.fps
         step = max(1, round(fps / _SHOWN_PER_SECOND))
@@ -71,14 +68,13 @@ class Player:
             max=last, description="frame", layout={"width": f"{max(width - 200, 200)}px"}
         )
         self._link = widgets.jslink((self._play, "value"), (self.slider, "value"))
-        self._status = widgets.HTML()
-        self._message = widgets.HTML()
+        self._build_messages()
         self.slider.observe(self._slide, names="value")
 
     @shows_errors
     def _slide(self, change):
         self._show(change["new"])
-        self._message.value = ""
+        self.clear()
 
     def _show(self, frame):
         text = f"{frame / self.motion.fps:.2f} s"
@@ -90,7 +86,4 @@ class Player:
             self.view.show_points(self.markers.positions[frame])
             seen = int(self.markers.visible[frame].sum())
             text += f"; {seen} of {self.markers.n_markers} markers seen"
-        self._status.value = f'<span style="color:#666">{text}</span>'
-
-    def _fail(self, error):
-        self._message.value = error_box(error, "The face is as it was.")
+        self.say(text)

@@ -4,9 +4,9 @@ import ipywidgets as widgets
 import numpy as np
 
 from facelab.posing.clips import Clip
-from facelab.widgets.errors import shows_errors
-from facelab.widgets.page import ItemList
-from facelab.widgets.posing_panels import WIDTH, Panel, quiet
+from facelab.widgets.page import quiet, shows_errors
+from facelab.widgets.parts import ItemList
+from facelab.widgets.posing_panels import WIDTH, Panel
 
 _FPS = 25  # no more frames than this are sent to the page
 _KEYS = "key poses"
@@ -169,14 +169,14 @@ class ClipPanel(Panel):
         if self._settling:
             return
         self._coefficients()  # what is wrong is said before anything is shown
-        self.frame = self.lab.frame = lambda: self.session.vertices_of(self._coefficients())
+        self.frame = lambda: self.session.vertices_of(self._coefficients())
         self.refresh()
-        self.lab.show()
+        self.lab.show_frame(self.frame)
 
     def _leave(self):
         self.play.playing = False
-        self.frame = self.lab.frame = None
-        self.lab.refresh()
+        self.frame = None
+        self.lab.show_pose()
 
     @shows_errors
     def _choose(self, _):

@@ -1,8 +1,6 @@
 """Poses to keep in the posing lab: a strip of pictures, and files."""
 
 import base64
-import html
-import tempfile
 from pathlib import Path
 
 import ipywidgets as widgets
@@ -11,12 +9,11 @@ from facelab.files.gltf import write_clip_glb, write_glb
 from facelab.files.meshes import write_obj, write_ply
 from facelab.files.poses import load_clip, load_pose, save_clip, save_pose
 from facelab.posing.clips import interpolate
-from facelab.widgets.errors import shows_errors
-from facelab.widgets.page import ItemList
+from facelab.widgets.page import markup, path_in, quiet, shows_errors, uploaded, written
+from facelab.widgets.parts import ItemList
 from facelab.widgets.posing_clips import OTHER_MODEL
-from facelab.widgets.posing_panels import WIDTH, Panel, quiet
+from facelab.widgets.posing_panels import WIDTH, Panel
 
-_LINKED_BYTES = 12e6  # larger files get no link in the page
 _STEP = 0.01
 
 
@@ -154,10 +151,7 @@ class FilePanel(Panel):
         self.name.options = sorted(names)[:200]
 
     def _path(self, ending):
-        name = self.name.value.strip()
-        if not name:
-            raise ValueError("name is empty; write a file name, without its ending.")
-        return Path(self.lab.folder) / (name if name.endswith(ending) else name + ending)
+        return path_in(self.lab.folder, self.name.value, ending)
 
     @shows_errors
     def _press(self, button):
@@ -175,16 +169,16 @@ class FilePanel(Panel):
             ending, do = write[button]
             path = self._path(ending)
             do(path)
-            self._result.value = _written(path)
+            self._result.value = written(path)
             self._list_files()
         elif button is self.load:
             path = self._path(".json")
             load_pose(path, session)
-            self._result.value = f"Loaded <b>{html.escape(path.name)}</b>."
+            self._result.value = markup("Loaded <b>{}</b>.", path.name)
         else:
             path = self._path(".clip.json")
             clip.set_clip(load_clip(path, session))
-            self._result.value = f"Loaded <b>{html.escape(path.name)}</b>: see the tab Clip."
+            self._result.value = markup("Loaded <b>{}</b>: see the tab Clip.", path.name)
 
     def _clip(self):
         if self.lab.clip.clip is None:
@@ -197,23 +191,6 @@ class FilePanel(Panel):
     def _open(self, change):
         if not change["new"]:
             return
-        (file,) = change["new"]
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / Path(file["name"]).name
-            path.write_bytes(bytes(file["content"]))
-            self.upload.value = ()
+        with uploaded(self.upload) as path:
             load_pose(path, self.session)
-        self._result.value = f"Loaded <b>{html.escape(path.name)}</b>."
-
-
-def _written(path):
-    """What was written and where, with a link to download it: HTML."""
-    size = path.stat().st_size
-    text = f"Wrote <b>{html.escape(str(path))}</b>, {size / 1e3:,.0f} kB."
-    if size <= _LINKED_BYTES:
-        data = base64.b64encode(path.read_bytes()).decode()
-        text += (
-            f' <a download="{html.escape(path.name)}" '
-            f'href="data:application/octet-stream;base64,{data}"><u>Download</u></a>'
-        )
-    return f'<div style="line-height:1.4">{text}</div>'
+        self._result.value = markup("Loaded <b>{}</b>.", path.name)

@@ -1,7 +1,6 @@
 """The posing lab: a face to pull, and beside it what else a hand can do to a pose."""
 
 import contextlib
-import html
 
 import ipywidgets as widgets
 import numpy as np
@@ -13,11 +12,11 @@ from facelab.models.region import RegionModel
 from facelab.plotting import region_colors
 from facelab.posing.session import PosingSession
 from facelab.segmentation.segment import segment_face
-from facelab.widgets.errors import error_box, shows_errors
-from facelab.widgets.page import ROOT, Keys
+from facelab.widgets.page import Page, markup, quiet, shows_errors
+from facelab.widgets.parts import ROOT, Keys
 from facelab.widgets.posing_clips import ClipPanel
 from facelab.widgets.posing_files import FilePanel, StripPanel
-from facelab.widgets.posing_panels import PosePanel, ShapePanel, quiet, shade
+from facelab.widgets.posing_panels import PosePanel, ShapePanel, shade
 from facelab.widgets.thumbnail import Thumbnails
 from facelab.widgets.viewer import JITTER, FaceView
 
@@ -35,7 +34,7 @@ _PAINTS = {
 }
 
 
-class PosingLab:
+class PosingLab(Page):
     """A page in which a face is posed by click and drag.
 
     Parameters
@@ -81,7 +80,6 @@ class PosingLab:
         self.other_view = None  # of the model beside it, made when it is first wanted
         self.frame = None  # a callable that gives vertices to show in place of the session's
         self._held = self._hovered = None
-        self._settling = False
         self._build()
         session.observe(self._follow)
         self.refresh()
@@ -123,9 +121,6 @@ class PosingLab:
         lab.about = example.about
         return lab
 
-    def _repr_mimebundle_(self, **kwargs):
-        return self.widget._repr_mimebundle_(**kwargs)
-
     # --- the page ---------------------------------------------------------------------------------
 
     def _new_view(self, width, height, **kwargs):
@@ -165,8 +160,8 @@ class PosingLab:
             "Files": self.files,
         }
         self.tabs = widgets.Tab([p.widget for p in panels.values()], titles=tuple(panels))
-        self._status = widgets.HTML(layout={"width": f"{self.size[0]}px"})
-        self._message = widgets.HTML()
+        self._width = f"{self.size[0]}px"
+        self._build_messages()
         self.keys = Keys(self._reactions(), self.session.seal)
         self._captions = widgets.HTML(), widgets.HTML()
         self._faces = widgets.HBox(
@@ -197,23 +192,25 @@ class PosingLab:
     def _model_name(self):
         return next((n for n, m in self.models.items() if m is self.session.model), None)
 
-    def _fail(self, error):
+    def fail(self, error):
         """Show an error, give up the drag it happened in, and keep the last good pose."""
-        what_now = "The step was made." if error.step_made else "The pose is as it was."
-        for view in self._views():
+        for view in self.views:
             view.end_drag()
         self._held = None
         self.session.cancel()
         with contextlib.suppress(Exception):  # it may be the showing that failed
             self.refresh()
-        self._message.value = error_box(error, what_now)
+        self._after_error = (
+            "The step was made." if getattr(error, "step_made", False) else "The pose is as it was."
+        )
+        super().fail(error)
 
     # --- what is shown ----------------------------------------------------------------------------
 
     def refresh(self):
         """Show the session as it is now."""
         session = self.session
-        self._message.value = ""
+        self.clear()
         if self._model_name() is None:  # a script gave the session a model of its own
             self.models["other"] = session.model
         with quiet(self):
@@ -239,12 +236,24 @@ class PosingLab:
             view.show(self.vertices if session is self.session else session.vertices)
         self._show_pins()
 
+    def show_frame(self, frame):
+        """Show what `frame()` gives, shape (n_vertices, 3), in place of the session's pose."""
+        self.frame = frame
+        self.show()
+
+    def show_pose(self):
+        """Show the session's pose again."""
+        self.frame = None
+        self.refresh()
+
     @property
     def vertices(self):
         """Vertices on screen in the first view, shape (n_vertices, 3), millimetres."""
         return self.session.vertices if self.frame is None else self.frame()
 
-    def _views(self):
+    @property
+    def views(self):
+        """Views on the page: one, or two that are compared."""
         return [self.view] + [self.other_view] * (self.beside.value != _NOTHING)
 
     def _arrange(self):
@@ -253,7 +262,7 @@ class PosingLab:
         A view once made stays in the page: taking it away would stop the shared orbit, and that
         divides by the height of its canvas, so it is only covered up.
         """
-        wanted, (width, height) = self._views(), self.size
+        wanted, (width, height) = self.views, self.size
         if None in wanted:
             self.other_view = self._new_view(width, height, linked_to=self.view)
             wanted[1] = self.other_view
@@ -266,7 +275,7 @@ class PosingLab:
         for caption, name in zip(
             self._captions, (self._model_name(), self.beside.value), strict=True
         ):
-            caption.value = f"<b>{html.escape(name)}</b>"
+            caption.value = markup("<b>{}</b>", name)
             caption.layout.display = "flex" if both else "none"
         for box in self._faces.children[1:]:
             box.layout.visibility = "visible" if both else "hidden"
@@ -325,9 +334,7 @@ class PosingLab:
                 "plausibility": "Pale: as in training. Dark: "
                 f"{_DISTANCE_SHOWN:g} times as far as is typical, or more.",
             }.get(self.paint.value, _HINT)
-        text = f'<span style="color:#666">{text}</span>'
-        if self._status.value != text:
-            self._status.value = text
+        self.say(text)
 
     def distance(self, session):
         """How far each region is from training, 1 as is typical: shape (n_regions,), or None."""
@@ -354,14 +361,14 @@ class PosingLab:
                 self.show()
         except Exception as error:
             error.step_made = what == "step"
-            self._fail(error)
+            self.fail(error)
 
     # --- the mouse --------------------------------------------------------------------------------
 
     @shows_errors
     def _hover(self, vertex):
         self._hovered = vertex
-        for view in self._views():
+        for view in self.views:
             view.show_hover(None if vertex is None else view.vertices[vertex])
         self._tell(None if vertex is None else self.name_of(vertex))
 
@@ -371,7 +378,7 @@ class PosingLab:
         if self.frame is not None:
             self.clip.take_up()
         self._clicking, self._held = True, vertex
-        self._message.value = ""
+        self.clear()
         self._answers = self._compute_answers()
         self._hands = []
         hidden = {vertex, session.partners[vertex]} if session.symmetric else {vertex}
@@ -487,7 +494,7 @@ class PosingLab:
         self.beside.value = names[(names.index(self.beside.value) + 1) % len(names)]
 
     def _give_up(self):
-        for view in self._views():
+        for view in self.views:
             view.end_drag()
         self._held = None
         self.session.cancel()

@@ -1,6 +1,5 @@
 """Panels of the posing lab: the pins and how the face answers them; regions and their sliders."""
 
-import contextlib
 import re
 
 import ipywidgets as widgets
@@ -9,8 +8,8 @@ import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 
 from facelab.plotting import SKIN, region_colors
-from facelab.widgets.errors import shows_errors
-from facelab.widgets.page import ItemList
+from facelab.widgets.page import markup, quiet, shows_errors
+from facelab.widgets.parts import ItemList
 
 WIDTH = "330px"
 _PREFERRED = (1, 1.25, 1.6, 2, 2.5, 3.2, 4, 5, 6.3, 8)  # ten equal steps of a decade
@@ -23,16 +22,6 @@ _GAUGE = (
     (3.5, "#d98b00"),
     (np.inf, "#b30000"),
 )  # typical distances: usual, far, wild
-
-
-@contextlib.contextmanager
-def quiet(panel):
-    """Within, what is set on sliders and buttons is no edit of the person."""
-    before, panel._settling = panel._settling, True
-    try:
-        yield
-    finally:
-        panel._settling = before
 
 
 def shade(name, share):
@@ -54,8 +43,9 @@ class Panel:
     def session(self):
         return self.lab.session
 
-    def _fail(self, error):
-        self.lab._fail(error)
+    def fail(self, error):
+        """Errors are shown by the lab."""
+        self.lab.fail(error)
 
 
 class PosePanel(Panel):
@@ -131,7 +121,7 @@ class PosePanel(Panel):
 
     @shows_errors
     def _switch(self, change):
-        for view in self.lab._views():
+        for view in self.lab.views:
             view.along_normal = self.along.value
         if self._settling:
             return
@@ -177,7 +167,7 @@ class ShapePanel(Panel):
         distance = self.lab.distance(session)
         self.regions.items = [self._row(i, name, distance) for i, name in enumerate(self._names)]
         self.regions.chosen = self.region
-        self._title.value = f"<b>{self._names[self.region]}</b>"
+        self._title.value = markup("<b>{}</b>", self._names[self.region])
         names = session.mold_names(self.region)
         for k in range(len(self.sliders), len(names)):
             self.sliders.append(self._new_slider(k))

@@ -6,13 +6,13 @@ import numpy as np
 from facelab.data.registered import RegisteredActor
 from facelab.plotting import heat_colors
 from facelab.registration.sequence import register_sequence
-from facelab.widgets.errors import error_box, shows_errors
+from facelab.widgets.page import Page, shows_errors
 from facelab.widgets.viewer import FaceView
 
 _LIMIT = 2.0  # mm, the darkest colour
 
 
-class RegistrationView:
+class RegistrationView(Page):
     """A page that plays a registered take, with a slider for the share of missing markers.
 
     Parameters
@@ -62,7 +62,7 @@ class RegistrationView:
         self.colored = widgets.Checkbox(
             True, description=f"colour by error (white 0, dark blue {_LIMIT:g} mm)", indent=False
         )
-        self._status, self._message = widgets.HTML(), widgets.HTML()
+        self._build_messages()
         self.missing.observe(self._hide, names="value")
         for control in (self.slider, self.colored):
             control.observe(self._refresh, names="value")
@@ -70,18 +70,15 @@ class RegistrationView:
         rows = [widgets.HBox([self._play, self.slider]), self.missing, self.colored]
         self.widget = widgets.VBox([self.view.widget, *rows, self._status, self._message])
 
-    def _repr_mimebundle_(self, **kwargs):
-        return self.widget._repr_mimebundle_(**kwargs)
-
     @shows_errors
     def _hide(self, change):
         self._register(change["new"])
-        self._message.value = ""
+        self.clear()
 
     @shows_errors
     def _refresh(self, _):
         self._show(self.slider.value)
-        self._message.value = ""
+        self.clear()
 
     def _register(self, share):
         markers = self._given.with_gaps(share, random_state=0)
@@ -103,7 +100,4 @@ class RegistrationView:
             text += f"skin off by {rms:.2f} mm RMS where markers cover it"
         else:
             text += "this frame is lost, the face is an earlier one"
-        self._status.value = f'<span style="color:#555">{text}</span>'
-
-    def _fail(self, error):
-        self._message.value = error_box(error, "The face is as it was.")
+        self.say(text)

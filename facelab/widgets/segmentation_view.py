@@ -1,17 +1,16 @@
 """A face whose regions follow the sliders of the segmentation, live."""
 
-import html
 import warnings
 
 import ipywidgets as widgets
 
 from facelab.plotting import region_colors
 from facelab.segmentation.segment import Likeness
-from facelab.widgets.errors import error_box, shows_errors
+from facelab.widgets.page import Page, markup, shows_errors
 from facelab.widgets.viewer import FaceView
 
 
-class SegmentationView:
+class SegmentationView(Page):
     """A page in which λ, r, the threshold and the number of regions are tried out.
 
     Parameters
@@ -48,6 +47,8 @@ class SegmentationView:
         If `likeness` is something else, or only one of `face` and `samples` is given.
     """
 
+    _after_error = "The regions are as they were."
+
     def __init__(
         self,
         likeness,
@@ -80,9 +81,6 @@ class SegmentationView:
         self.regions, self._colors = None, None
         self._cut()
 
-    def _repr_mimebundle_(self, **kwargs):
-        return self.widget._repr_mimebundle_(**kwargs)
-
     def _build_controls(self, n_regions):
         start = self.likeness
         most = min(30, start.mesh.n_vertices)
@@ -93,14 +91,14 @@ class SegmentationView:
             value=n_regions, min=1, max=max(most, n_regions), description="regions"
         )
         self.grow = widgets.Checkbox(description="as many as stay compact", indent=False)
-        self._status, self._message = widgets.HTML(), widgets.HTML()
+        self._build_messages()
         for control in (self.lam, self.r, self.threshold, self.n_regions, self.grow):
             control.observe(self._changed, names="value")
 
     @shows_errors
     def _changed(self, _):
         self._cut()
-        self._message.value = ""
+        self.clear()
 
     def _cut(self):
         likeness = self.likeness.with_(
@@ -119,13 +117,7 @@ class SegmentationView:
         self.view.paint(colors[regions.labels][self._on_screen])
         self.regions, self._colors = regions, colors
         self.n_regions.disabled = self.grow.value
-        self._status.value = (
-            f'<div style="color:#444;line-height:1.35;max-width:60em">'
-            f"{html.escape(str(regions))}<br>{html.escape(regions.why)}</div>"
-        )
-
-    def _fail(self, error):
-        self._message.value = error_box(error, "The regions are as they were.")
+        self.say(markup("{}<br>{}", regions, regions.why))
 
 
 def _slider(name, value, low, high, step):

@@ -368,7 +368,7 @@ def test_results_are_saved_where_the_folder_is_and_what_is_lost_is_said(lab, tmp
     assert "AU35" in lab._message.value
     lab.file.value = "nowhere/pose.json"
     lab.save.click()
-    assert "does not exist" in lab._message.value
+    assert "leads out of the folder" in lab._message.value and not (tmp_path / "nowhere").exists()
 
 
 def test_an_error_in_a_drag_is_shown_and_all_stays_as_it_was(lab, monkeypatch):

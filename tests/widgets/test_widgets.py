@@ -19,7 +19,7 @@ from facelab.rig import BlendshapeRig
 from facelab.segmentation.regions import Regions
 from facelab.widgets import FaceView, PosingLab
 from facelab.widgets.lining import Lining
-from facelab.widgets.page import Keys
+from facelab.widgets.parts import Keys
 from facelab.widgets.posing_panels import region_names
 from facelab.widgets.thumbnail import Thumbnails
 
