@@ -230,27 +230,31 @@ def _corners(path, polygons, totals):
 
 def _mixed_corners(path, polygons):
     """Numbers of corners of many forms, 0 where there is none, and where there is one."""
-    found = []
+    found, uneven = [], []
     for number, words, _ in polygons:
         matches = [_CORNER.fullmatch(w) for w in words]
         if not all(matches):
             raise ValueError(
                 f"{path}, line {number}: {_shown([b'f', *words])} is not a list of indices."
             )
-        forms = {tuple(g is None for g in m.groups()) for m in matches}
-        if len(forms) > 1:
-            raise ValueError(
-                f"{path}, line {number}: {_shown([b'f', *words])} has corners of different form; "
-                "each needs the same of vertex, texture coordinate and normal."
-            )
+        if len({tuple(g is None for g in m.groups()) for m in matches}) > 1:
+            uneven.append(number)
         found += [m.groups() for m in matches]
+    if uneven:
+        warnings.warn(
+            f"{path}: {len(uneven)} face(s) give texture coordinates or normals to some of their "
+            f"corners only, the first in line {uneven[0]}; they are passed over here.",
+            stacklevel=5,
+        )
     named = np.array([[g is not None for g in groups] for groups in found])
     return np.array([[int(g or 0) for g in groups] for groups in found], dtype=np.int64), named
 
 
 def _good_faces(path, polygons, corners, counts, n_vertices, bad_faces):
     """Which faces can be used; the others are refused by line, or left out with a warning."""
-    reasons = {int(k): "has {} corner(s); it needs 3 or more" for k in np.flatnonzero(counts < 3)}
+    reasons = {
+        int(k): "a face with {} corner(s); it needs 3 or more" for k in np.flatnonzero(counts < 3)
+    }
     owner = np.repeat(np.arange(len(counts)), counts)
     start = np.cumsum(counts) - counts
     for at in np.flatnonzero(corners < 0)[::-1].tolist():

@@ -103,7 +103,7 @@ def refuse_bad_faces(path, places, bad_faces, n_faces):
         remedy = (
             "remove it" if len(places) == n_faces else 'remove it, or give bad_faces="leave out"'
         )
-        raise ValueError(f"{path}, {where}: a bad face: {reason}{also}; {remedy}.")
+        raise ValueError(f"{path}, {where}: {reason}{also}; {remedy}.")
     warnings.warn(
         f"{path}: {len(places)} of {n_faces} faces are left out: {where}: {reason}{also}.",
         stacklevel=5,

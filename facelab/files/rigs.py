@@ -328,6 +328,6 @@ def _welded(path, V, F, deltas, scale):
     place = same_place(V, _PLACE)
     index = alike(place, deltas, _SAME)
     kept = np.unique(index, return_index=True)[1]
-    apart = len(kept) - place.max() - 1
+    apart = len(kept) - int(place.max()) - 1
     mesh = TriangleMesh(V[kept], rejoined(mesh.faces, index))
     return mesh, deltas[:, kept], index, apart
