@@ -103,8 +103,11 @@ def _header(path, data):
 
 def _property(words):
     """Types of a property: (type,), or (count, type) of a list; None if it is none."""
-    types = words[2:4] if words[1:2] == ["list"] and len(words) == 5 else words[1:-1]
-    if len(types) != len(words) - 2 - (words[1:2] == ["list"]) or not set(types) <= set(_TYPES):
+    if len(words) == 5 and words[1] == "list":
+        types = words[2:4]
+    else:
+        types = words[1:2] if len(words) == 3 else ["none"]
+    if not set(types) <= set(_TYPES):
         return None
     types = tuple(_TYPES[t] for t in types)
     return None if len(types) == 2 and types[0][0] == "f" else types
@@ -120,9 +123,7 @@ class _Rows:
 
     def table(self, name, count, columns):
         """Columns of an element: an array, or for a list the values and the count of each row."""
-        width = sum(
-            np.dtype(types[-1 if len(types) == 1 else 0]).itemsize for types in columns.values()
-        )
+        width = sum(np.dtype(types[0]).itemsize for types in columns.values())
         left = len(self.body) - self.at
         if count * (width if self.form else 1) > left:
             raise ValueError(

@@ -317,7 +317,7 @@ def obj_contradicts(mesh, data, said):
     if said:
         return ""
     V, F = [], []
-    for line in data.decode("latin-1").splitlines():
+    for line in map(bytes.decode, data.splitlines(), ["latin-1"] * len(data)):
         words = line.split("#")[0].split()
         if words[:1] == ["v"]:
             V.append([float(w) for w in words[1:4]])
