@@ -263,6 +263,7 @@ class GltfScene:
             for i, (begin, count, packed) in start.items()
         ]
         names = self._target_names(item, primitives)
+        data.need(200 * n + 24 * sum(map(len, faces)), f"{self.names[k]!r}")
         V = np.vstack([own["V"] for own in kept]).astype(float)
         joints, weights = self._joints(kept)
         M = self._placement(node, joints, weights)
