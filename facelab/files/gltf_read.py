@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from facelab.files.gltf_data import GltfData
-from facelab.files.parts import MeshFile, check_coordinates
+from facelab.files.parts import LONGEST, MeshFile, check_coordinates
 
 _SEMANTICS = ("POSITION", "NORMAL", "TANGENT", "TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_", "_")
 _PRIMITIVE = ("attributes", "indices", "material", "mode", "targets")
@@ -445,12 +445,13 @@ class GltfScene:
                     deltas[k, begin:end] = self._data.array(at, "VEC3")
             begin = end
         for k, delta in enumerate(deltas):
-            if not np.isfinite(delta).all():
+            moved = np.einsum("...ij,...j->...i", linear, delta.astype(float))
+            if not (np.abs(moved) < LONGEST).all():
                 raise ValueError(
-                    f"{self.path}: morph target {k} of {name!r} holds NaN or infinity; the file is "
-                    "damaged, export it again."
+                    f"{self.path}: morph target {k} of {name!r} holds NaN, infinity or a number "
+                    f"beyond {LONGEST:g}; the file is damaged, export it again."
                 )
-            deltas[k] = np.einsum("...ij,...j->...i", linear, delta.astype(float))
+            deltas[k] = moved
         return deltas
 
 

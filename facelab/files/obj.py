@@ -18,7 +18,7 @@ _KEYWORDS = set(  # of the format, beside v, vt, vn, f, fo, o and g: passed over
     b"bsp bzp cdc cdp res".split()
 )
 _NUMBER = re.compile(rb"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-_NUMBERS = re.compile(rb"(?:[-+]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?+\d++)?+ ?+)*+")
+_NUMBERS = re.compile(rb"(?:[-+]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?+\d++)?+(?: |\Z))*+")
 _UNEVEN = (b"\\", b"\n ", b"\n\t", b"\r ", b"\r\t", b"\nv\t", b"\nf\t")  # goes on, or is set in
 _CORNER = re.compile(rb"([-+]?\d{1,10})(?:/([-+]?\d{1,10})?(?:/([-+]?\d{1,10})?)?)?")
 _PLAIN = [  # all corners of a file of one form: index, how many numbers, which of v, vt, vn

@@ -8,7 +8,7 @@ import numpy as np
 
 from facelab.geometry.mesh import TriangleMesh
 
-_LONGEST = 1e12  # a length beyond it is damage, in any unit, and would overflow when squared
+LONGEST = 1e12  # a length beyond it is damage, in any unit, and would overflow when squared
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +74,11 @@ class MeshFile:
 
 def check_coordinates(V, place):
     """Refuse coordinates that are no lengths; `place` turns the row into words."""
-    bad = np.flatnonzero(~(np.abs(V) < _LONGEST).all(axis=1))
+    bad = np.flatnonzero(~(np.abs(V) < LONGEST).all(axis=1))
     if bad.size:
         raise ValueError(
             f"{place(bad[0])}: the coordinates {V[bad[0]].tolist()} hold NaN, infinity or a number "
-            f"beyond {_LONGEST:g}; the file is damaged, or that vertex has to be repaired."
+            f"beyond {LONGEST:g}; the file is damaged, or that vertex has to be repaired."
         )
 
 

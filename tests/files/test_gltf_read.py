@@ -525,8 +525,6 @@ def test_numbers_that_are_none_are_refused(write, value, which):
         gltf.primitive["attributes"]["POSITION"] = gltf.add(moved)
     else:
         gltf.target(moved)
-        if value == 1e30:
-            return  # a rig decides about its size
     with pytest.raises(ValueError, match=r"face.glb: .*(NaN|beyond)"):
         part(write(gltf))
 

@@ -229,7 +229,9 @@ def test_corners_of_different_form_are_said(write):
     assert mesh.faces.tolist() == [[0, 1, 2]]
 
 
-@pytest.mark.parametrize("line", ["v 1_0 0 0", "v 0 0 0 0 0", "v 0 0 0 x", "v ١ 0 0", "v 0x1 0 0"])
+@pytest.mark.parametrize(
+    "line", ["v 1_0 0 0", "v 0 0 0 0 0", "v 0 0 0 x", "v ١ 0 0", "v 1.2.3 0 0", "v 0x1 0 0"]
+)
 def test_what_only_python_takes_for_a_number_is_none(write, line):
     with pytest.raises(ValueError, match=r"face.obj, line 5: "):
         read_obj(write(SQUARE + line + "\nf 1 2 3\n"))

@@ -155,6 +155,7 @@ def test_quads_of_a_ply_become_triangles(write):
         (PLY.replace("1 1 0", "1 nan 0") + "4 0 1 2 3\n", "vertex 2: .* NaN"),
         (PLY.replace("1 1 0", "1 1e300 0") + "4 0 1 2 3\n", "vertex 2: .* beyond"),
         (PLY.replace("1 1 0", "1 1_0 0") + "4 0 1 2 3\n", "row 2 of 'vertex' has '1_0', which is"),
+        (PLY.replace("1 1 0", "1 1.2.3 0") + "4 0 1 2 3\n", "row 2 of 'vertex' has '1.2.3'"),
         (PLY.replace("1 1 0", "1 1") + "4 0 1 2 3\n", "row 2 of 'vertex', '1 1', has not as many"),
         (PLY.replace("face 1", "face 2") + "4 0 1 2 3\n", "ends early: .* 2 rows of 'face'"),
         (PLY + "4 0 1 2 3\n3 0 1 2\n", "1 rows follow the last row"),
