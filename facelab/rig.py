@@ -1,12 +1,39 @@
 """Blendshape rigs: a neutral face and named displacements that are added to it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from facelab.checks import as_finite
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MotionSequence
+
+
+@dataclass(frozen=True, eq=False)
+class RigSource:
+    """Where a rig was read from, and how its vertices came about.
+
+    Parameters
+    ----------
+    path : str
+        File or folder.
+    mesh : str
+        The part of it that the rig is.
+    index : ndarray of int, shape (n_file_vertices,)
+        Vertex of the rig for each vertex of that part in the file: the two sides of a seam have
+        the same.
+    scale : float
+        Millimetres in the file's unit of length.
+    apart : int
+        Vertices of the rig that lie where another one does, but move otherwise: lips that touch.
+    """
+
+    path: str
+    mesh: str
+    index: np.ndarray
+    scale: float
+    apart: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +50,10 @@ class BlendshapeRig:
         d_i: displacement of every vertex at weight 1, millimetres; float32 is kept.
     identities : dict of str to ndarray of shape (n_vertices, 3), optional
         Displacements that turn the neutral into other people, millimetres.
+    parts : dict of str to TriangleMesh or BlendshapeRig, optional
+        What else belongs to the head, by name: eyes, teeth, hair. A rig where it has shapes.
+    source : RigSource, optional
+        The file it was read from.
 
     Examples
     --------
@@ -37,6 +68,8 @@ class BlendshapeRig:
     names: tuple
     deltas: np.ndarray
     identities: dict = field(default_factory=dict)
+    parts: dict = field(default_factory=dict)
+    source: RigSource | None = None
 
     def __post_init__(self):
         names = tuple(self.names)
@@ -81,6 +114,36 @@ class BlendshapeRig:
             weights = self.weights_of(weights)
         weights = as_finite(weights, "weights", (len(self.names),))
         return self.neutral.vertices + np.tensordot(weights, self.deltas, axes=1)
+
+    def renamed(self, mapping):
+        """The rig with other names for some of its shapes, and its parts alike.
+
+        Parameters
+        ----------
+        mapping : dict of str to str
+            New names by old ones; shapes that are not in it keep theirs.
+
+        Raises
+        ------
+        ValueError
+            For a name that the rig does not have, or if two shapes would have the same.
+        """
+        self.weights_of(dict.fromkeys(mapping, 0))
+        parts = {
+            name: part.renamed({k: v for k, v in mapping.items() if k in part.names})
+            if isinstance(part, BlendshapeRig)
+            else part
+            for name, part in self.parts.items()
+        }
+        return replace(self, names=[mapping.get(n, n) for n in self.names], parts=parts)
+
+    @cached_property
+    def still(self):
+        """Vertices of pieces that no shape moves by 0.001 mm, as eyeballs: bool (n_vertices,)."""
+        moves = np.zeros(self.neutral.n_vertices, dtype=bool)
+        for delta in self.deltas:
+            moves |= (np.abs(delta) > 1e-3).any(axis=1)
+        return np.bincount(self.neutral.pieces, moves)[self.neutral.pieces] == 0
 
     def on(self, vertices, mesh=None):
         """The rig on some of its vertices.

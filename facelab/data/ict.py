@@ -15,7 +15,7 @@ from tqdm.auto import tqdm
 
 from facelab.checks import check_choice
 from facelab.data.cache import CACHE_VERSION, cache_dir, download
-from facelab.files.meshes import read_obj, read_obj_vertices
+from facelab.files.obj import read_obj, read_obj_vertices
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.rig import BlendshapeRig
 from facelab.storage import load_npz, save_npz

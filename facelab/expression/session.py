@@ -10,7 +10,8 @@ from facelab.checks import check_choice, check_index, check_number, check_type
 from facelab.expression.regression import CRITERIA, ExpressionFit, regress_expression
 from facelab.expression.transfer import IntermediateSpace
 from facelab.expression.units import as_basis, sketch_positions
-from facelab.files.meshes import read_mesh, write_obj
+from facelab.files.meshes import read_mesh
+from facelab.files.obj import write_obj
 from facelab.files.poses import save_pose
 from facelab.files.takes import write_live_link_csv, write_weights_csv
 from facelab.motion import MotionSequence, WeightSequence
@@ -267,19 +268,19 @@ class ExpressionSession:
         """
         self._step("sketch" if live else None, sketch=_positions(sketch), origin=origin)
 
-    def load_file(self, path, scale=1.0, origin=None):
+    def load_file(self, path, scale=None, origin=None):
         """Take the mesh of an OBJ, PLY, GLB, glTF or STL file as the sketch.
 
         Parameters
         ----------
         path : str or Path
-        scale : float, default=1.0
-            Millimetres in the file's unit of length: 10 for centimetres.
+        scale : float, optional
+            Millimetres in the file's unit of length: 10 for centimetres; as `read_mesh` if left
+            out.
         origin : str, optional
             What to call it; the path if left out.
         """
-        mesh = read_mesh(path)
-        self.load(mesh.vertices * check_number(scale, "scale", above=0), origin or str(path))
+        self.load(read_mesh(path, scale=scale).vertices, origin or str(path))
 
     def load_frame(self, motion, frame, origin=None, live=False):
         """Take one frame of a MotionSequence as the sketch.

@@ -1,152 +1,64 @@
-"""Files in and out. Readers refuse what they cannot use and say where; writers write whole files.
+"""A mesh from any kind of file, chosen by its ending."""
 
-Vertex order is sacred: every reader keeps it. A polygon becomes a fan of triangles.
-"""
-
-import codecs
-import json
-from itertools import pairwise
+import warnings
 from pathlib import Path
 
-import numpy as np
+from facelab.checks import check_choice, check_number
+from facelab.files.gltf_read import read_gltf_file
+from facelab.files.obj import read_obj_file
+from facelab.files.ply import read_ply_file
+from facelab.files.stl import read_stl_file
+from facelab.geometry.size import check_face_size
 
-from facelab.geometry.mesh import TriangleMesh
-from facelab.storage import atomic_path, existing_file
+KINDS = (".obj", ".ply", ".glb", ".gltf", ".vrm", ".stl")
+"""Endings of files that hold a mesh that can be read."""
+
+_METRES = 1000.0  # the unit of glTF, by its specification
+_ELSEWHERE = {
+    ".fbx": "open it in Blender (File > Import > FBX) and save it as GLB (File > Export > glTF "
+    "2.0, with Shape Keys under Data > Mesh), or convert it with FBX2glTF",
+    ".blend": "open it in Blender and save it as GLB (File > Export > glTF 2.0)",
+    ".dae": "open it in Blender (File > Import > Collada) and save it as GLB",
+    ".usdz": "open it in Blender (File > Import > USD) and save it as GLB",
+    ".usd": "open it in Blender (File > Import > USD) and save it as GLB",
+    ".ma": "export it from Maya as FBX, then open that in Blender and save it as GLB",
+    ".mb": "export it from Maya as FBX, then open that in Blender and save it as GLB",
+}
 
 
-def read_obj(path):
-    """The mesh of a Wavefront OBJ file, its vertices in the order of the file.
-
-    Texture coordinates, normals, groups and materials are passed over, polygons become fans of
-    triangles, relative (negative) indices are resolved.
+def read_mesh(path, mesh=None, scale=None, bad_faces="refuse"):
+    """The mesh of an OBJ, PLY, STL, GLB, glTF or VRM file, its vertices in the order of the file.
 
     Parameters
     ----------
     path : str or Path
+    mesh : str, optional
+        The part to read, by name: an object or group of an OBJ, a solid of an STL, a node or mesh
+        of a glTF. All parts, one after the other, if left out; see `read_parts`.
+    scale : float, optional
+        Millimetres in the file's unit of length: 10 for centimetres. By default 1000 for glTF,
+        which counts in metres, and 1 for the others, which do not say.
+    bad_faces : {"refuse", "leave out"}
+        What to do about faces of OBJ and PLY files that use a vertex twice or one that does not
+        exist.
 
     Returns
     -------
     TriangleMesh
-        In the file's own unit: multiply the vertices to get millimetres.
+        Millimetres. Vertices at the same place are not joined: the loose triangles of an STL, or
+        the two sides of a seam in GLB and PLY; `mesh.welded()` joins them.
 
     Raises
     ------
-    FileNotFoundError, ValueError
-        For a missing, empty or damaged file; the message names file and line.
-    """
-    path = existing_file(path, "OBJ file")
-    vertices, polygons = [], []
-    for number, words in _obj_lines(path):
-        if words[0] == b"v":
-            vertices.append((number, words))
-        elif words[0] == b"f":
-            polygons.append((number, words, len(vertices)))
-    V = _obj_vertices(path, vertices)
-    F = _obj_faces(path, polygons, len(V))
-    return TriangleMesh(V, F)
+    FileNotFoundError, ValueError, TypeError
+        For a missing, empty or damaged file, an unknown kind, or a part that it does not have;
+        the message names the place in the file.
 
-
-def read_obj_vertices(path):
-    """Only the vertices of an OBJ file, shape (n_vertices, 3): for shapes with known faces."""
-    path = existing_file(path, "OBJ file")
-    return _obj_vertices(path, [line for line in _obj_lines(path) if line[1][0] == b"v"])
-
-
-def _obj_lines(path):
-    text = path.read_bytes().removeprefix(codecs.BOM_UTF8)
-    if b"\0" in text[:4096]:
-        raise ValueError(f"{path}: this is a binary file, not an OBJ text file.")
-    held = b""
-    for number, line in enumerate([*text.splitlines(), b""], 1):
-        line = held + line
-        held = line[:-1] + b" " if line.endswith(b"\\") else b""
-        words = [] if held else line.split(b"#", 1)[0].split()
-        if words:
-            yield number, words
-
-
-def _obj_vertices(path, lines):
-    if not lines:
-        raise ValueError(f"{path}: no vertices (no line starts with 'v'); is this an OBJ file?")
-    try:
-        V = np.array([words[1:4] for _, words in lines], dtype=float)
-    except ValueError:
-        V = None
-    if V is None or V.shape[1:] != (3,) or not np.isfinite(V).all():
-        for number, words in lines:  # slow, only to say where
-            text = b" ".join(words).decode(errors="replace")
-            try:
-                numbers = [float(w) for w in words[1:4]]
-            except ValueError:
-                raise ValueError(f"{path}, line {number}: {text!r} holds no numbers.") from None
-            if len(numbers) != 3:
-                raise ValueError(f"{path}, line {number}: {text!r} has not three coordinates.")
-            if not np.isfinite(numbers).all():
-                raise ValueError(
-                    f"{path}, line {number}: {text!r} holds NaN or infinity; repair that vertex."
-                )
-    return V
-
-
-def _obj_faces(path, lines, n_vertices):
-    if not lines:
-        raise ValueError(f"{path}: vertices but no faces (no line starts with 'f').")
-    faces = []
-    for number, words, so_far in lines:
-        try:
-            polygon = [int(word.split(b"/", 1)[0]) for word in words[1:]]
-        except ValueError:
-            text = b" ".join(words).decode(errors="replace")
-            raise ValueError(f"{path}, line {number}: {text!r} is not a list of indices.") from None
-        if len(polygon) < 3:
-            raise ValueError(
-                f"{path}, line {number}: a face with {len(polygon)} corner(s); it needs 3 or more."
-            )
-        for corner in polygon:
-            if corner == 0 or corner > n_vertices or -corner > so_far:
-                raise ValueError(
-                    f"{path}, line {number}: index {corner} is out of range; the file has "
-                    f"{n_vertices} vertices, counted from 1 (or back from -1)."
-                )
-        polygon = [i - 1 if i > 0 else so_far + i for i in polygon]
-        if len(set(polygon)) < len(polygon):
-            raise ValueError(f"{path}, line {number}: the face uses a vertex twice; remove it.")
-        faces += [(polygon[0], b, c) for b, c in pairwise(polygon[1:])]
-    return np.array(faces)
-
-
-def write_obj(path, mesh):
-    """Write a mesh as Wavefront OBJ, whole or not at all.
-
-    Parameters
-    ----------
-    path : str or Path
-    mesh : TriangleMesh
-        Written in its own unit (millimetres here), nine significant digits.
-    """
-    with atomic_path(path) as part, open(part, "w") as out:
-        out.write("# facelab; unit: millimetre\n")
-        np.savetxt(out, mesh.vertices, fmt="v %.9g %.9g %.9g")
-        np.savetxt(out, mesh.faces + 1, fmt="f %d %d %d")
-
-
-def read_mesh(path):
-    """The mesh of an OBJ, PLY, GLB, glTF or STL file, its vertices in the order of the file.
-
-    Parameters
-    ----------
-    path : str or Path
-        OBJ goes to `read_obj`; the others are read by trimesh, without merging vertices.
-
-    Returns
-    -------
-    TriangleMesh
-        In the file's own unit. The parts of a scene follow one another.
-
-    Raises
-    ------
-    FileNotFoundError, ValueError
-        For a missing, empty or damaged file, or an unknown kind.
+    Warns
+    -----
+    UserWarning
+        Of what was left out (bad faces, morph targets, unknown keywords), of parts that were put
+        one behind the other, and of a size that is no face's, with the factor.
 
     Examples
     --------
@@ -155,52 +67,77 @@ def read_mesh(path):
     >>> facelab.read_mesh("face.obj").n_vertices
     4375
     """
-    kinds = (".obj", ".ply", ".glb", ".gltf", ".stl")
-    if Path(path).suffix.lower() not in kinds:
-        raise ValueError(f"path={str(path)!r}: unknown kind; readable are {', '.join(kinds)}.")
-    if Path(path).suffix.lower() == ".obj":
-        return read_obj(path)
-    import trimesh
-
-    path = existing_file(path, "mesh file")
-    try:
-        if path.suffix.lower() == ".gltf":
-            json.loads(path.read_bytes())  # for a damaged one trimesh looks for another file
-        scene = trimesh.load_scene(path, process=False)
-        parts = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh)]
-    except Exception as error:  # each format fails in its own way: make it one
-        raise ValueError(f"{path}: not a readable {path.suffix} file ({error}).") from error
-    if not parts:
-        raise ValueError(f"{path}: no triangles in it; is it a point cloud or an empty scene?")
-    if path.suffix.lower() == ".ply":
-        _refuse_cut_ply(path)
-    start = np.cumsum([0] + [len(p.vertices) for p in parts])
-    faces = np.vstack([p.faces + s for p, s in zip(parts, start[:-1], strict=True)])
-    try:
-        return TriangleMesh(np.vstack([p.vertices for p in parts]), faces)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-
-
-def _refuse_cut_ply(path):
-    """Refuse an ASCII PLY that ends early: trimesh reads what is there without a word."""
-    head, _, body = path.read_bytes().partition(b"end_header")
-    if b"format ascii" not in head:
-        return
-    rows = [row.split() for row in body.splitlines() if row.strip()]
-    wanted = sum(int(w[2]) for w in map(bytes.split, head.splitlines()) if w[:1] == [b"element"])
-    last = head.rpartition(b"element face ")[2].splitlines()[1:]  # properties of the last element
-    is_list = len(last) == 1 and last[0].startswith(b"property list")
-    if len(rows) < wanted or (is_list and len(rows[-1]) <= int(rows[-1][0])):
-        raise ValueError(
-            f"{path}: the file ends early, after {len(rows)} of {wanted} rows; export it again."
+    held, scale = _held(path, mesh, scale, bad_faces)
+    if mesh is None and len(held.owned) > 1:
+        warnings.warn(
+            f"{held.path}: {held.contents()}; they follow one another in one mesh. Choose one with "
+            f"mesh={next(iter(held.owned))!r}.",
+            stacklevel=2,
         )
+    found = held.whole(scale) if mesh is None else held.part(_named(held, mesh), scale)
+    check_face_size(found.vertices / scale, held.path, scale, part=mesh is not None)
+    return found
 
 
-def write_ply(path, mesh):
-    """Write a mesh as binary PLY, whole or not at all; positions in float32, millimetres."""
-    import trimesh
+def read_parts(path, scale=None, bad_faces="refuse"):
+    """The named parts of a mesh file, each as a TriangleMesh of its own; parameters of `read_mesh`.
 
-    data = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(file_type="ply")
-    with atomic_path(path) as part:
-        part.write_bytes(data)
+    Returns
+    -------
+    dict of str to TriangleMesh
+        Millimetres, in the order of the file; the whole mesh under the file's name if it has no
+        named parts.
+    """
+    held, scale = _held(path, None, scale, bad_faces)
+    if not held.parts:
+        return {held.path.stem: held.whole(scale)}
+    return {name: held.part(name, scale) for name in held.parts}
+
+
+def _held(path, mesh, scale, bad_faces):
+    """The `MeshFile`, and millimetres in its unit."""
+    check_choice(bad_faces, "bad_faces", ("refuse", "leave out"))
+    if mesh is not None and not isinstance(mesh, str):
+        raise TypeError(f"mesh={mesh!r} is a {type(mesh).__name__}; give the name of a part.")
+    kind = check_kind(path, KINDS)
+    if scale is None:
+        scale = unit_of(kind)
+    scale = check_number(scale, "scale", above=0)
+    if kind == ".obj":
+        return read_obj_file(path, bad_faces), scale
+    if kind == ".ply":
+        return read_ply_file(path, bad_faces), scale
+    if kind == ".stl":
+        return read_stl_file(path), scale
+    return read_gltf_file(path, mesh), scale
+
+
+def _named(held, mesh):
+    """The part that was asked for; a glTF was read for it alone, under its node's name."""
+    return next(iter(held.owned)) if held.owned else mesh
+
+
+def unit_of(kind):
+    """Millimetres in the unit of a kind of file: 1 where it does not say."""
+    return _METRES if kind in (".glb", ".gltf", ".vrm") else 1.0
+
+
+def check_kind(path, kinds):
+    """The ending of a path in lower case, refused unless it is one of the kinds.
+
+    Raises
+    ------
+    ValueError
+        With the kinds there are, and what to do about one that other programs can convert.
+    TypeError
+        For what is no path.
+    """
+    if not isinstance(path, (str, Path)):
+        raise TypeError(f"path is a {type(path).__name__}; give a str or a Path.")
+    kind = Path(path).suffix.lower()
+    if kind not in kinds:
+        remedy = f": {_ELSEWHERE[kind]}" if kind in _ELSEWHERE else ""
+        raise ValueError(
+            f"path={str(path)!r}: unknown kind; readable are {', '.join(kinds)}{remedy}."
+        )
+    return kind

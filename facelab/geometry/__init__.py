@@ -11,6 +11,7 @@ from facelab.geometry.binding import LinearBinding, SurfaceBinding, bind, bind_t
 from facelab.geometry.closest import closest_points
 from facelab.geometry.deformation import LaplacianDeformer, laplacian_deform
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh, vertex_normals
+from facelab.geometry.size import check_face_size, face_scale, longest_side
 from facelab.geometry.symmetry import (
     mirror_agreement,
     mirror_partners,
@@ -32,8 +33,11 @@ __all__ = [
     "TriangleMesh",
     "bind",
     "bind_to_surface",
+    "check_face_size",
     "closest_points",
+    "face_scale",
     "laplacian_deform",
+    "longest_side",
     "mirror_agreement",
     "mirror_partners",
     "mirror_twins",

@@ -10,7 +10,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from facelab.checks import as_finite, as_indices, check_choice, check_index
+from facelab.checks import as_finite, as_indices, check_choice, check_index, check_number
+from facelab.geometry.welding import rejoined, same_place
 
 MULTI_PIE = (
     *(f"jaw_right_{i}" for i in range(1, 9)),
@@ -215,9 +216,18 @@ class TriangleMesh:
         sizes = np.bincount(self.pieces)
         if len(sizes) > 1:
             shown = ", ".join(map(str, sorted(sizes.tolist(), reverse=True)[:6]))
+            index = same_place(self.vertices)
+            joined = sp.coo_array((np.ones(len(self.edges)), index[self.edges].T))
+            joined.resize((index.max() + 1,) * 2)
+            left = connected_components(joined, directed=False)[0]
+            advice = f"keep the largest with mesh.submesh(mesh.pieces == {sizes.argmax()})"
+            if left < len(sizes):  # loose triangles, or seams
+                advice = "vertices at the same place are not joined: use mesh.welded()[0]"
+                if left > 1:
+                    advice += f", and of its {left} pieces the largest"
             raise ValueError(
-                f"the mesh is in {len(sizes)} pieces of {shown} vertices, and distances along the "
-                "surface need one piece; keep one of them with mesh.submesh(mesh.pieces == 0)."
+                f"the mesh is in {len(sizes)} pieces of {shown}{', ...' * (len(sizes) > 6)} "
+                f"vertices, and distances along the surface need one piece; {advice}."
             )
 
     def submesh(self, keep):
@@ -252,6 +262,44 @@ class TriangleMesh:
         faces = new[self.faces]
         landmarks = {k: int(new[v]) for k, v in self.landmarks.items() if new[v] >= 0}
         return TriangleMesh(self.vertices[keep], faces[(faces >= 0).all(axis=1)], landmarks)
+
+    def welded(self, tolerance=0.0):
+        """The mesh with vertices at the same place joined, and where each vertex went.
+
+        Makes one surface of the loose triangles of an STL file, and closes the seams that texture
+        coordinates cut into GLB and PLY files. Triangles that shrink to a line or a point go.
+
+        Parameters
+        ----------
+        tolerance : float, default=0.0
+            Millimetres between vertices that are joined, from one to the next; by default only
+            those in exactly the same place.
+
+        Returns
+        -------
+        mesh : TriangleMesh
+            Its vertices in the order in which they first stand in this one, landmarks kept.
+        index : ndarray of int, shape (n_vertices,)
+            Vertex of the new mesh for each one of this: `mesh.vertices[index]` is as before.
+
+        Raises
+        ------
+        ValueError
+            For a tolerance below 0 or as long as the edges are, or if no triangle is left.
+
+        Examples
+        --------
+        >>> V = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+        >>> mesh, index = TriangleMesh(V, np.array([[0, 1, 2], [3, 4, 5]])).welded()
+        >>> mesh, index.tolist()
+        (TriangleMesh(4 vertices, 2 faces), [0, 1, 2, 1, 3, 2])
+        """
+        tolerance = check_number(tolerance, "tolerance", low=0)
+        index = same_place(self.vertices, tolerance)
+        kept = np.unique(index, return_index=True)[1]
+        faces = rejoined(self.faces, index)
+        landmarks = {name: int(index[v]) for name, v in self.landmarks.items()}
+        return TriangleMesh(self.vertices[kept], faces, landmarks), index
 
     def laplacian(self, weights="uniform", normalised=True):
         """The Laplacian of the mesh.

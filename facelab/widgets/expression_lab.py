@@ -22,7 +22,7 @@ from facelab.widgets.viewer import JITTER, FaceView
 
 _COLORS = "YlGnBu"
 _PICTURE = (60, 66)  # pixels
-_UNITS_OF_LENGTH = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+_UNITS_OF_LENGTH = {"own": None, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 _HINT = (
     "Left: the sketch. Drag a point of it to change it; drag beside it to turn both faces. "
     "Right: the face that the units below make of it."

@@ -6,7 +6,8 @@ from pathlib import Path
 import ipywidgets as widgets
 
 from facelab.files.gltf import write_clip_glb, write_glb
-from facelab.files.meshes import write_obj, write_ply
+from facelab.files.obj import write_obj
+from facelab.files.ply import write_ply
 from facelab.files.poses import load_clip, load_pose, save_clip, save_pose
 from facelab.posing.clips import interpolate
 from facelab.widgets.page import markup, path_in, quiet, shows_errors, uploaded, written

@@ -8,7 +8,7 @@ from facelab.expression.regression import prepare_units, regress_expression
 from facelab.expression.session import ALPHAS, BOUNDS, ExpressionSession
 from facelab.expression.transfer import IntermediateSpace
 from facelab.files.live_link import read_live_link_csv
-from facelab.files.meshes import read_obj, write_obj
+from facelab.files.obj import read_obj, write_obj
 from facelab.files.poses import load_pose
 from facelab.files.takes import read_weights_csv
 from facelab.motion import MotionSequence

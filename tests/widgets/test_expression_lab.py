@@ -8,7 +8,7 @@ from hand import move, pick
 from planted import bumps, quarters
 
 from facelab.expression.session import ALPHAS, ExpressionSession
-from facelab.files.meshes import write_obj
+from facelab.files.obj import write_obj
 from facelab.files.takes import read_weights_csv
 from facelab.models.region import RegionModel
 from facelab.motion import MotionSequence

@@ -1,0 +1,481 @@
+"""Meshes and morph targets of glTF files, placed as the scene places them.
+
+References
+----------
+Khronos Group, glTF 2.0 specification, sections 3.5 (scenes) and 3.7 (meshes, skins).
+"""
+
+import warnings
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from facelab.files.gltf_data import GltfData
+from facelab.files.parts import LONGEST, MeshFile, check_coordinates
+
+_SEMANTICS = ("POSITION", "NORMAL", "TANGENT", "TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_", "_")
+_PRIMITIVE = ("attributes", "indices", "material", "mode", "targets")
+
+
+@dataclass(frozen=True, eq=False)
+class GltfPart:
+    """A mesh where a node of the scene places it.
+
+    Parameters
+    ----------
+    name : str
+        Of the node, or of the mesh; numbered where several have the same.
+    vertices : ndarray of shape (n_vertices, 3)
+        Metres, the vertices of all primitives one after the other.
+    faces : ndarray of int, shape (n_faces, 3)
+    names : list of str
+        Of the morph targets, as the file has them; empty strings where it names none.
+    deltas : ndarray of float32, shape (n_targets, n_vertices, 3)
+        Their displacements, metres; no targets where they were not asked for.
+    linear : ndarray of shape (3, 3) or (n_vertices, 3, 3)
+        What turned the file's displacements into these.
+    start : dict of int to int
+        First vertex of each primitive; those that share their vertices share it.
+    """
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    names: list
+    deltas: np.ndarray
+    linear: np.ndarray
+    start: dict = field(default_factory=dict)
+
+
+class GltfScene:
+    """The meshes of a glTF or GLB file.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Attributes
+    ----------
+    names : list of str
+        Of the parts, in the order of the scene.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        For a file that cannot be read, a hierarchy that is no tree, or no meshes.
+    """
+
+    def __init__(self, path):
+        self._data = GltfData(path)
+        self.path = self._data.path
+        self._matrices, placed = self._walk()
+        nodes, meshes = self._data.lists["nodes"], self._data.lists["meshes"]
+        found = []  # node (None where there are no nodes at all), mesh, its two names
+        for node in placed:
+            if "mesh" in nodes[node]:
+                mesh = nodes[node].index("mesh", meshes)
+                found.append((node, mesh, nodes[node].text("name"), meshes[mesh].text("name")))
+        if not nodes:
+            found = [(None, k, m.text("name"), None) for k, m in enumerate(meshes)]
+        found = self._usable(found)
+        if not found:
+            raise ValueError(
+                f"{self.path}: no mesh in its scene; export the file again with the face in it."
+            )
+        self._found = found
+        self._aliases = [name for _, _, _, name in found]
+        self.names = []
+        for k, (_, _, own, other) in enumerate(found):
+            name, n = own or other or f"mesh {k}", 1
+            label = name
+            while label in self.names:
+                n += 1
+                label = f"{name} ({n})"
+            self.names.append(label)
+
+    def _usable(self, found):
+        """The parts that have triangles and a size; the others are said."""
+        kept, passed = [], []
+        for node, mesh, own, other in found:
+            item = self._data.lists["meshes"][mesh]
+            flat = node is not None and np.linalg.det(self._matrices[node][:3, :3]) == 0
+            flat = flat and "skin" not in self._data.lists["nodes"][node]  # joints place it
+            if flat or all(p.whole("mode", 4, high=6) < 4 for p in item.items("primitives")):
+                passed.append(own or other or item.place)
+            else:
+                kept.append((node, mesh, own, other))
+        if passed:
+            warnings.warn(
+                f"{self.path}: {', '.join(map(repr, passed[:6]))} ({len(passed)}) have no "
+                "triangles, or are scaled to nothing, and are passed over.",
+                stacklevel=3,
+            )
+        return kept
+
+    def find(self, name):
+        """Number of the part with that name: its node's, or else its mesh's.
+
+        Raises
+        ------
+        ValueError
+            If there is none, or more than one mesh, of that name; with those there are.
+        """
+        if name in self.names:
+            return self.names.index(name)
+        known = [k for k, alias in enumerate(self._aliases) if alias == name and name]
+        if len(known) == 1:
+            return known[0]
+        raise ValueError(
+            f"{self.path}: mesh={name!r} is not in it; its parts are "
+            f"{', '.join(map(repr, self.names[:20]))}{', ...' * (len(self.names) > 20)}."
+        )
+
+    def n_targets(self, k):
+        """Number of morph targets of part k."""
+        primitives = self._data.lists["meshes"][self._found[k][1]].items("primitives")
+        return max([len(p.items("targets")) for p in primitives], default=0)
+
+    # --- nodes ------------------------------------------------------------------------------------
+
+    def _walk(self):
+        """The matrix of every node that the scene holds, and those nodes in their order."""
+        nodes = self._data.lists["nodes"]
+        children = [n.wholes("children", nodes) for n in nodes]
+        scenes = self._data.lists["scenes"]
+        if scenes:
+            first = self._data.json.whole("scene", 0, high=len(scenes) - 1)
+            roots = scenes[first].wholes("nodes", nodes)
+        else:
+            roots = sorted(set(range(len(nodes))) - {c for cs in children for c in cs})
+        matrices, order = {}, []
+        stack = [(root, self._upright()) for root in reversed(roots)]
+        while stack:
+            node, above = stack.pop()
+            if node in matrices:
+                raise ValueError(
+                    f"{self.path}: nodes[{node}] hangs below two nodes or below itself; the "
+                    "hierarchy has to be a tree. Export the file again."
+                )
+            matrices[node] = above @ self._matrix(nodes[node])
+            if not np.isfinite(matrices[node]).all():
+                raise ValueError(f"{self.path}: nodes[{node}] is placed beyond all numbers.")
+            order.append(node)
+            stack += [(child, matrices[node]) for child in reversed(children[node])]
+        return matrices, order
+
+    def _upright(self):
+        """VRM 0 faces away from the viewer, all other glTF towards them."""
+        turned = "VRM" in self._data.json.item("extensions")
+        return np.diag([-1.0, 1, -1, 1]) if turned else np.eye(4)
+
+    def _matrix(self, node):
+        if "matrix" in node:
+            return np.array(node.numbers("matrix", 16)).reshape(4, 4).T
+        x, y, z, w = node.numbers("rotation", 4, [0.0, 0, 0, 1])
+        norm = x * x + y * y + z * z + w * w
+        if not 0.98 < norm < 1.02:
+            raise node.wrong("rotation", "a quaternion of length 1")
+        s = 2 / norm
+        turn = np.array(
+            [
+                [1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
+                [s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w)],
+                [s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)],
+            ]
+        )
+        M = np.eye(4)
+        M[:3, :3] = turn * node.numbers("scale", 3, [1.0, 1, 1])
+        M[:3, 3] = node.numbers("translation", 3, [0.0, 0, 0])
+        return M
+
+    def _placement(self, node, joints, weights):
+        """What moves a part's vertices to their place: (4, 4), or (n_vertices, 4, 4) by a skin."""
+        nodes = self._data.lists["nodes"]
+        if node is None:
+            return self._upright()
+        if "skin" not in nodes[node]:
+            return self._matrices[node]
+        # a skin's vertices follow its joints, and its node's own place counts for nothing
+        skin = self._data.lists["skins"][nodes[node].index("skin", self._data.lists["skins"])]
+        bones = skin.wholes("joints", nodes)
+        if joints is None or not bones:
+            return self._matrices[node]
+        outside = [b for b in bones if b not in self._matrices]
+        if outside:
+            raise ValueError(
+                f"{self.path}: {skin.place} has the joint {outside[0]}, which is not in the scene; "
+                "export the file again."
+            )
+        M = np.stack([self._matrices[b] for b in bones])
+        if "inverseBindMatrices" in skin:
+            accessors = self._data.lists["accessors"]
+            index = skin.index("inverseBindMatrices", accessors)
+            bind = self._data.array(index, "MAT4").astype(float).reshape(-1, 4, 4)
+            if len(bind) < len(bones):
+                raise ValueError(
+                    f"{self.path}: {skin.place} has {len(bones)} joints, but {len(bind)} inverse "
+                    "bind matrices; the file is damaged, export it again."
+                )
+            M = M @ bind.transpose(0, 2, 1)[: len(bones)]
+        used = joints[weights > 0]
+        if used.size and used.max() >= len(bones):
+            raise ValueError(
+                f"{self.path}: a vertex follows joint {used.max()}, but {skin.place} has "
+                f"{len(bones)}; the file is damaged, export it again."
+            )
+        joints = np.where(weights > 0, joints, 0)
+        total = weights.sum(axis=1, keepdims=True)
+        share = np.where(total > 0, weights / np.where(total > 0, total, 1), 0)
+        share[total[:, 0] <= 0, 0] = 1  # tied to nothing: the first joint carries it
+        placed = np.zeros((len(joints), 4, 4))
+        for column in range(joints.shape[1]):
+            placed += share[:, column, None, None] * M[joints[:, column]]
+        return placed
+
+    # --- parts ------------------------------------------------------------------------------------
+
+    def part(self, k, shapes=False):
+        """Part k as a `GltfPart`, with its morph targets if `shapes` is True.
+
+        Raises
+        ------
+        ValueError
+            For data that are damaged or do not agree, naming their place in the file.
+        """
+        data = self._data
+        node, mesh, _, _ = self._found[k]
+        item = data.lists["meshes"][mesh]
+        primitives = item.items("primitives")
+        kept, start, starts, n = [], {}, {}, 0
+        for i, primitive in enumerate(primitives):
+            primitive.warn_unknown(_PRIMITIVE)
+            if primitive.whole("mode", 4, high=6) >= 4:
+                packed = data.draco(primitive)
+                own = self._vertices(primitive, packed, shapes)
+                key = own.pop("key")
+                if key is None or key not in starts:  # primitives may share all their vertices
+                    kept.append(own)
+                    starts[key] = n
+                    n += len(own["V"])
+                start[i] = starts[key], len(own["V"]), packed
+        faces = [
+            self._faces(primitives[i], begin, count, packed)
+            for i, (begin, count, packed) in start.items()
+        ]
+        names = self._target_names(item, primitives)
+        data.need(200 * n + 24 * sum(map(len, faces)), f"{self.names[k]!r}")
+        V = np.vstack([own["V"] for own in kept]).astype(float)
+        joints, weights = self._joints(kept)
+        M = self._placement(node, joints, weights)
+        linear, shift = M[..., :3, :3], M[..., :3, 3]
+        sides = np.linalg.det(linear.reshape(-1, 3, 3))
+        if (sides == 0).any() or (sides.min() < 0 < sides.max()):
+            raise ValueError(
+                f"{self.path}: {self.names[k]!r} is squashed flat or turned inside out where the "
+                "scene places it; apply its scale in the program that made it."
+            )
+        V = np.einsum("...ij,...j->...i", linear, V) + shift
+        check_coordinates(V, lambda row: f"{self.path}: {self.names[k]!r}, vertex {row}")
+        F = np.vstack(faces)
+        if sides.flat[0] < 0:
+            F = F[:, ::-1]
+        deltas = np.empty((0, len(V), 3), np.float32)
+        if shapes and names:
+            deltas = self._deltas(kept, len(names), len(V), linear, self.names[k])
+        begins = {i: begin for i, (begin, _, _) in start.items()}
+        return GltfPart(self.names[k], V, F, names, deltas, linear, begins)
+
+    def _vertices(self, primitive, packed, shapes):
+        """Positions, joints and targets of one primitive, as the file has them."""
+        data, accessors = self._data, self._data.lists["accessors"]
+        attributes = primitive.item("attributes")
+        odd = [a for a in attributes.value if not a.startswith(_SEMANTICS)]
+        targets = primitive.items("targets")
+        odd += [a for t in targets for a in t.value if not a.startswith(_SEMANTICS)]
+        if odd:
+            warnings.warn(
+                f"{self.path}: {primitive.place} has the attribute {odd[0]!r}, which glTF does not "
+                "know; it is passed over.",
+                stacklevel=2,
+            )
+        index = attributes.index("POSITION", accessors)
+        count = data.count(index)
+
+        def read(semantic, kind, wholes=False):
+            if packed and semantic in packed[1]:
+                found = packed[0].get_attribute_by_unique_id(packed[1].whole(semantic))
+                array = None if found is None else np.asarray(found["data"])
+                if array is None or array.shape != (count, int(kind[-1])):
+                    raise ValueError(
+                        f"{self.path}: {primitive.place}: its Draco data do not hold the {count} "
+                        f"{semantic} that the file promises; export it again."
+                    )
+                return array
+            array = data.array(attributes.index(semantic, accessors), kind, wholes)
+            if len(array) != count:
+                raise ValueError(
+                    f"{self.path}: {attributes.at(semantic)} has {len(array)} elements, but "
+                    f"POSITION {count}; the file is damaged, export it again."
+                )
+            return array
+
+        V = read("POSITION", "VEC3")
+        if not np.isfinite(V).all():
+            row = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
+            raise ValueError(
+                f"{self.path}: {accessors[index].place}, element {row}, holds NaN or infinity; the "
+                "file is damaged, export it again."
+            )
+        joints, weights, n = [], [], 0
+        while f"JOINTS_{n}" in attributes and f"WEIGHTS_{n}" in attributes:
+            joints.append(read(f"JOINTS_{n}", "VEC4", wholes=True).astype(np.int64))
+            weights.append(read(f"WEIGHTS_{n}", "VEC4").astype(float))
+            if not (weights[-1] >= 0).all():  # neither NaN
+                raise ValueError(
+                    f"{self.path}: {attributes.at(f'WEIGHTS_{n}')} holds weights that are negative "
+                    "or no numbers; the file is damaged, export it again."
+                )
+            n += 1
+        at = [t.index("POSITION", accessors) if "POSITION" in t else None for t in targets]
+        for t, a in zip(targets, at, strict=True):
+            if a is not None and data.count(a) != count:
+                raise ValueError(
+                    f"{self.path}: {t.at('POSITION')} has {data.count(a)} elements, but the mesh "
+                    f"{count} vertices; the file is damaged, export it again."
+                )
+        ties = tuple(attributes.value.get(f"JOINTS_{i}") for i in range(n))
+        return {
+            "key": None if packed else (index, tuple(at), ties),
+            "V": V,
+            "joints": np.hstack(joints) if n else None,
+            "weights": np.hstack(weights) if n else None,
+            "targets": at if shapes else [],
+        }
+
+    def _joints(self, kept):
+        """Joints and weights of all vertices; None where no primitive has them."""
+        if all(own["joints"] is None for own in kept):
+            return None, None
+        width = max(own["joints"].shape[1] for own in kept if own["joints"] is not None)
+        joints, weights = [], []
+        for own in kept:
+            J, W = own["joints"], own["weights"]
+            if J is None:
+                J, W = np.zeros((len(own["V"]), 1), int), np.zeros((len(own["V"]), 1))
+            pad = ((0, 0), (0, width - J.shape[1]))
+            joints.append(np.pad(J, pad))
+            weights.append(np.pad(W, pad))
+        return np.vstack(joints), np.vstack(weights)
+
+    def _faces(self, primitive, begin, count, packed):
+        """Triangles of one primitive, numbered from `begin`."""
+        accessors = self._data.lists["accessors"]
+        mode = primitive.whole("mode", 4, high=6)
+        if packed:
+            index = np.asarray(packed[0].faces, dtype=np.int64).ravel()
+            if "indices" in primitive:
+                promised = self._data.count(primitive.index("indices", accessors))
+                if promised != len(index):
+                    raise ValueError(
+                        f"{self.path}: {primitive.place}: its Draco data hold {len(index)} "
+                        f"indices, but the file promises {promised}; export it again."
+                    )
+            mode = 4
+        elif "indices" in primitive:
+            index = self._data.array(primitive.index("indices", accessors), "SCALAR", wholes=True)
+            index = index.astype(np.int64)
+        else:
+            index = np.arange(count)
+        if len(index) and index.max() >= count:
+            raise ValueError(
+                f"{self.path}: {primitive.place} names vertex {index.max()}, but has {count}: 0 to "
+                f"{count - 1}; the file is damaged, export it again."
+            )
+        if len(index) < 3 or (mode == 4 and len(index) % 3):
+            raise ValueError(
+                f"{self.path}: {primitive.place} has {len(index)} indices, which make no "
+                "triangles; the file is damaged, export it again."
+            )
+        if mode == 4:
+            F = index.reshape(-1, 3)
+        elif mode == 5:
+            F = np.stack([index[:-2], index[1:-1], index[2:]], axis=1)
+            F[1::2] = F[1::2][:, [1, 0, 2]]
+        else:
+            F = np.stack([np.full(len(index) - 2, index[0]), index[1:-1], index[2:]], axis=1)
+        flat = (F == np.roll(F, 1, axis=1)).any(axis=1)
+        if mode == 4 and flat.any():
+            warnings.warn(
+                f"{self.path}: {primitive.place}: {int(flat.sum())} of {len(F)} triangles use a "
+                "vertex twice; they have no area and are left out.",
+                stacklevel=2,
+            )
+        return F[~flat] + begin
+
+    def _target_names(self, mesh, primitives):
+        """Names of the morph targets, empty strings where the file has none."""
+        counts = {len(p.items("targets")) for p in primitives}
+        if len(counts) > 1:
+            raise ValueError(
+                f"{self.path}: the primitives of {mesh.place} have {sorted(counts)} morph targets; "
+                "each needs the same. Export the file again."
+            )
+        n = max(counts, default=0)
+        for owner in (mesh, *primitives):
+            extras = owner.value.get("extras")
+            if isinstance(extras, dict) and "targetNames" in extras:
+                names = owner.item("extras").texts("targetNames")
+                if len(names) != n:
+                    raise ValueError(
+                        f"{self.path}: {owner.at('extras.targetNames')} has {len(names)} names, "
+                        f"but the mesh {n} morph targets; export the file again."
+                    )
+                return list(names)
+        return [""] * n
+
+    def _deltas(self, kept, n_targets, n_vertices, linear, name):
+        """Displacements of all targets, turned and scaled as the mesh is."""
+        self._data.need(12 * n_targets * n_vertices, f"the {n_targets} shapes of {name!r}")
+        deltas = np.zeros((n_targets, n_vertices, 3), np.float32)
+        begin = 0
+        for own in kept:
+            end = begin + len(own["V"])
+            for k, at in enumerate(own["targets"]):
+                if at is not None:
+                    deltas[k, begin:end] = self._data.array(at, "VEC3")
+            begin = end
+        for k, delta in enumerate(deltas):
+            moved = np.einsum("...ij,...j->...i", linear, delta.astype(float))
+            if not (np.abs(moved) < LONGEST).all():
+                raise ValueError(
+                    f"{self.path}: morph target {k} of {name!r} holds NaN, infinity or a number "
+                    f"beyond {LONGEST:g}; the file is damaged, export it again."
+                )
+            deltas[k] = moved
+        return deltas
+
+
+def read_gltf_file(path, mesh=None):
+    """All parts of a glTF or GLB file, or one, as a `MeshFile`, in metres.
+
+    Morph targets are left out, and named in a warning.
+    """
+    scene = GltfScene(path)
+    chosen = range(len(scene.names)) if mesh is None else [scene.find(mesh)]
+    parts = [scene.part(k) for k in chosen]
+    shapes = [f"{scene.n_targets(k)} of {scene.names[k]!r}" for k in chosen if scene.n_targets(k)]
+    if shapes:
+        warnings.warn(
+            f"{scene.path}: morph targets are left out ({', '.join(shapes[:6])}); "
+            "facelab.read_rig reads them.",
+            stacklevel=4,
+        )
+    start = np.cumsum([0] + [len(p.vertices) for p in parts])
+    faces = np.cumsum([0] + [len(p.faces) for p in parts])
+    return MeshFile(
+        scene.path,
+        np.vstack([p.vertices for p in parts]),
+        np.vstack([p.faces + s for p, s in zip(parts, start, strict=False)]),
+        {p.name: np.arange(faces[k], faces[k + 1]) for k, p in enumerate(parts)},
+        {p.name: np.arange(start[k], start[k + 1]) for k, p in enumerate(parts)},
+    )

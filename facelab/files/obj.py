@@ -1,0 +1,309 @@
+"""Wavefront OBJ: a small strict reader, for vertex order is sacred; and a writer."""
+
+import codecs
+import re
+import warnings
+from itertools import pairwise
+
+import numpy as np
+
+from facelab.checks import check_choice
+from facelab.files.parts import MeshFile, check_coordinates, refuse_bad_faces
+from facelab.geometry.polygons import triangulate
+from facelab.storage import atomic_path, existing_file
+
+_KEYWORDS = set(  # of the format, beside v, vt, vn, f, fo, o and g: passed over
+    b"vp deg bmat step cstype p l curv curv2 surf parm trim hole scrv sp end con s mg bevel "
+    b"c_interp d_interp lod usemtl mtllib usemap maplib shadow_obj trace_obj ctech stech call csh "
+    b"bsp bzp cdc cdp res".split()
+)
+_NUMBER = re.compile(rb"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_NUMBERS = re.compile(rb"(?:[-+]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?+\d++)?+(?: |\Z))*+")
+_UNEVEN = (b"\\", b"\n ", b"\n\t", b"\r ", b"\r\t", b"\nv\t", b"\nf\t")  # goes on, or is set in
+_CORNER = re.compile(rb"([-+]?\d{1,10})(?:/([-+]?\d{1,10})?(?:/([-+]?\d{1,10})?)?)?")
+_PLAIN = [  # all corners of a file of one form: index, how many numbers, which of v, vt, vn
+    (re.compile(rb"(?:-?\d{1,10} )*"), (0,)),
+    (re.compile(rb"(?:-?\d{1,10}/-?\d{1,10} )*"), (0, 1)),
+    (re.compile(rb"(?:-?\d{1,10}//-?\d{1,10} )*"), (0, 2)),
+    (re.compile(rb"(?:-?\d{1,10}/-?\d{1,10}/-?\d{1,10} )*"), (0, 1, 2)),
+]
+
+
+def read_obj(path, bad_faces="refuse"):
+    """The mesh of a Wavefront OBJ file, its vertices in the order of the file.
+
+    Texture coordinates, normals and materials are passed over, relative (negative) indices are
+    resolved, polygons are cut into triangles that lie inside them.
+
+    Parameters
+    ----------
+    path : str or Path
+    bad_faces : {"refuse", "leave out"}
+        What to do about faces with fewer than three corners, with a corner twice, or with a
+        vertex that does not exist.
+
+    Returns
+    -------
+    TriangleMesh
+        In the file's own unit: multiply the vertices to get millimetres, or use `read_mesh`.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        For a missing, empty or damaged file; the message names file and line.
+
+    Warns
+    -----
+    UserWarning
+        Naming lines that were left out, unknown keywords, and texture coordinates or normals
+        that are named but not there.
+    """
+    return read_obj_file(path, bad_faces).whole()
+
+
+def read_obj_vertices(path):
+    """Only the vertices of an OBJ file, shape (n_vertices, 3): for shapes with known faces."""
+    return read_obj_rows(path)[0]
+
+
+def read_obj_rows(path):
+    """Vertices of an OBJ file, shape (n_vertices, 3), and its lines of faces, to be compared."""
+    path = existing_file(path, "OBJ file")
+    text = _text(path)
+    if not any(mark in text for mark in _UNEVEN):  # quick, for files as programs write them
+        lines = text.splitlines()
+        rows = [line for line in lines if line.startswith(b"v ")]
+        words = b" ".join(rows).split()
+        if len(words) == 4 * len(rows) > 0 and words[::4].count(b"v") == len(rows):
+            del words[::4]
+            if _NUMBERS.fullmatch(b" ".join(words)):
+                V = np.array(words, dtype=float).reshape(-1, 3)
+                if np.isfinite(V).all():
+                    check_coordinates(V, lambda row: f"{path}, vertex {row}")
+                    return V, [line for line in lines if line.startswith(b"f ")]
+    lines = list(_lines(text))
+    faces = [b" ".join(words) for _, words in lines if words[0] == b"f"]
+    return _vertices(path, [(n, words) for n, words in lines if words[0] == b"v"]), faces
+
+
+def read_obj_file(path, bad_faces="refuse"):
+    """All that an OBJ file holds, its objects and groups as parts: a `MeshFile`; as `read_obj`."""
+    check_choice(bad_faces, "bad_faces", ("refuse", "leave out"))
+    path = existing_file(path, "OBJ file")
+    vertices, polygons, sections, unknown = [], [], [], []
+    n_texture = n_normal = 0
+    for number, words in _lines(_text(path)):
+        word = words[0]
+        if word == b"v":
+            vertices.append((number, words))
+        elif word in (b"f", b"fo"):
+            polygons.append((number, words[1:], (len(vertices), n_texture, n_normal)))
+        elif word == b"vt":
+            n_texture += 1
+        elif word == b"vn":
+            n_normal += 1
+        elif word in (b"o", b"g"):
+            names = [b" ".join(words[1:])] if word == b"o" else words[1:]
+            names = [n.decode(errors="replace") for n in names if n]
+            sections.append((len(polygons), word, names))
+        elif word not in _KEYWORDS:
+            unknown.append((number, words))
+    V = _vertices(path, vertices)
+    if not polygons:
+        raise ValueError(f"{path}: vertices but no faces (no line starts with 'f').")
+    _say_unknown(path, unknown)
+    corners, counts = _corners(path, polygons, (len(V), n_texture, n_normal))
+    good = _good_faces(path, polygons, corners, counts, len(V), bad_faces)
+    kept = corners[np.repeat(good, counts)]
+    try:
+        F, polygon = triangulate(V, kept, counts[good])
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    owner = np.flatnonzero(good)[polygon]
+    return MeshFile(path, V, F, {n: np.flatnonzero(m) for n, m in _parts(sections, owner).items()})
+
+
+def _text(path):
+    text = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+    if b"\0" in text[:4096]:
+        raise ValueError(f"{path}: this is a binary file, not an OBJ text file.")
+    return text
+
+
+def _lines(text):
+    """Number and words of every line that holds any, comments left out."""
+    held = b""
+    for number, line in enumerate([*text.splitlines(), b""], 1):
+        line = held + line
+        held = line[:-1] + b" " if line.endswith(b"\\") else b""
+        words = [] if held else line.split(b"#", 1)[0].split()
+        if words:
+            yield number, words
+
+
+def _shown(words):
+    text = b" ".join(words).decode(errors="replace")
+    return repr(text if len(text) <= 60 else text[:57] + "...")
+
+
+def _say_unknown(path, unknown):
+    """Refuse lines that look like data under a word that OBJ does not have; say the others."""
+    for number, words in unknown:
+        is_data = all(_NUMBER.fullmatch(w) or _CORNER.fullmatch(w) for w in words[1:])
+        if (len(words) > 2 and is_data) or _NUMBER.fullmatch(words[0]):
+            raise ValueError(
+                f"{path}, line {number}: {_shown(words)} looks like data, but OBJ has no keyword "
+                f"{_shown(words[:1])}; repair the line, or put '#' before it."
+            )
+    if unknown:
+        words = sorted({_shown(w[:1]) for _, w in unknown})
+        warnings.warn(
+            f"{path}: {len(unknown)} line(s) with keywords that OBJ does not have were passed over:"
+            f" {', '.join(words[:6])}{', ...' * (len(words) > 6)}; the first is line "
+            f"{unknown[0][0]}.",
+            stacklevel=4,
+        )
+
+
+def _vertices(path, lines):
+    if not lines:
+        raise ValueError(f"{path}: no vertices (no line starts with 'v'); is this an OBJ file?")
+    lengths = {len(words) for _, words in lines}
+    try:  # three coordinates, with a weight or a colour, or both, behind them
+        V = np.array([words[1:4] for _, words in lines], dtype=float)
+        if lengths != {4}:
+            np.array([w for _, words in lines for w in words[4:]], dtype=float)
+    except ValueError:
+        V = None
+    odd = V is None or not lengths <= {4, 5, 7, 8}
+    if odd or not np.isfinite(V).all() or any(b"_" in b"".join(w) for _, w in lines):
+        for number, words in lines:  # slow, only to say where
+            _refuse_vertex(path, number, words)
+    check_coordinates(V, lambda row: f"{path}, line {lines[row][0]}")
+    return V
+
+
+def _refuse_vertex(path, number, words):
+    at = f"{path}, line {number}: {_shown(words)}"
+    for word in words[1:]:
+        if not _NUMBER.fullmatch(word):
+            if word.lower().lstrip(b"+-") in (b"nan", b"inf", b"infinity"):
+                raise ValueError(f"{at} holds NaN or infinity; repair that vertex.")
+            raise ValueError(f"{at} holds no numbers.")
+    if len(words) < 4:
+        raise ValueError(f"{at} has not three coordinates.")
+    if len(words) not in (4, 5, 7, 8):
+        raise ValueError(
+            f"{at} has {len(words) - 1} numbers; three coordinates may be followed by a weight, by "
+            "a colour, or both."
+        )
+    if not np.isfinite([float(w) for w in words[1:4]]).all():
+        raise ValueError(f"{at} holds NaN or infinity; repair that vertex.")
+
+
+def _corners(path, polygons, totals):
+    """Vertex of each corner of all faces, from 0 (-1 where it does not exist); corners a face."""
+    counts = np.array([len(words) for _, words, _ in polygons])
+    joined = b" ".join([w for _, words, _ in polygons for w in words]) + b" " * bool(counts.sum())
+    for form, columns in _PLAIN:
+        if form.fullmatch(joined):
+            numbers = np.fromstring(joined.replace(b"/", b" "), dtype=np.int64, sep=" ")
+            found = np.zeros((counts.sum(), 3), dtype=np.int64)
+            found[:, columns] = numbers.reshape(-1, len(columns))
+            named = np.isin(np.arange(3), columns) & np.ones((len(found), 1), dtype=bool)
+            break
+    else:
+        found, named = _mixed_corners(path, polygons)
+    so_far = np.repeat(np.array([s for _, _, s in polygons]), counts, axis=0)
+    index = np.where(found < 0, found + so_far, found - 1)
+    index[(found == 0) | (index >= totals)] = -1
+    missing = (named & (index < 0))[:, 1:].any(axis=1)
+    if missing.any():
+        lines = np.repeat([n for n, _, _ in polygons], counts)[missing]
+        warnings.warn(
+            f"{path}: {len(set(lines.tolist()))} face(s) name texture coordinates or normals that "
+            f"the file does not have, the first in line {lines[0]}; they are passed over here.",
+            stacklevel=4,
+        )
+    return index[:, 0].copy(), counts
+
+
+def _mixed_corners(path, polygons):
+    """Numbers of corners of many forms, 0 where there is none, and where there is one."""
+    found, uneven = [], []
+    for number, words, _ in polygons:
+        matches = [_CORNER.fullmatch(w) for w in words]
+        if not all(matches):
+            raise ValueError(
+                f"{path}, line {number}: {_shown([b'f', *words])} is not a list of indices."
+            )
+        if len({tuple(g is None for g in m.groups()) for m in matches}) > 1:
+            uneven.append(number)
+        found += [m.groups() for m in matches]
+    if uneven:
+        warnings.warn(
+            f"{path}: {len(uneven)} face(s) give texture coordinates or normals to some of their "
+            f"corners only, the first in line {uneven[0]}; they are passed over here.",
+            stacklevel=5,
+        )
+    named = np.array([[g is not None for g in groups] for groups in found])
+    return np.array([[int(g or 0) for g in groups] for groups in found], dtype=np.int64), named
+
+
+def _good_faces(path, polygons, corners, counts, n_vertices, bad_faces):
+    """Which faces can be used; the others are refused by line, or left out with a warning."""
+    reasons = {
+        int(k): "a face with {} corner(s); it needs 3 or more" for k in np.flatnonzero(counts < 3)
+    }
+    owner = np.repeat(np.arange(len(counts)), counts)
+    start = np.cumsum(counts) - counts
+    for at in np.flatnonzero(corners < 0)[::-1].tolist():
+        word = polygons[owner[at]][1][at - start[owner[at]]]
+        index = word.split(b"/")[0].decode()
+        reasons[int(owner[at])] = (
+            f"index {index} is out of range; the file has {n_vertices} vertices, counted from 1 "
+            "(or back from -1)"
+        )
+    order = np.lexsort((corners, owner))
+    again = (np.diff(corners[order]) == 0) & (np.diff(owner[order]) == 0)
+    for k in np.unique(owner[order][1:][again]).tolist():
+        reasons.setdefault(k, "the face uses a vertex twice")
+    good = np.ones(len(counts), dtype=bool)
+    good[list(reasons)] = False
+    places = [(f"line {polygons[k][0]}", reasons[k].format(counts[k])) for k in sorted(reasons)]
+    refuse_bad_faces(path, places, bad_faces, len(counts))
+    return good
+
+
+def _parts(sections, owner):
+    """Triangles of each object and group, as masks; a name of both is the object's."""
+    parts, starts = {}, {}
+    for kind in (b"o", b"g"):
+        own = [(begin, names) for begin, word, names in sections if word == kind]
+        taken = set(starts)
+        for (begin, names), (end, _) in pairwise([*own, (np.inf, [])]):
+            for name in names:
+                if name not in taken:
+                    starts.setdefault(name, []).append((begin, end))
+    for name, runs in starts.items():
+        mask = np.zeros(len(owner), dtype=bool)
+        for begin, end in runs:
+            mask |= (owner >= begin) & (owner < end)
+        if mask.any():
+            parts[name] = mask
+    return parts
+
+
+def write_obj(path, mesh):
+    """Write a mesh as Wavefront OBJ, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+    mesh : TriangleMesh
+        Written in its own unit (millimetres here), nine significant digits.
+    """
+    with atomic_path(path) as part, open(part, "w") as out:
+        out.write("# facelab; unit: millimetre\n")
+        np.savetxt(out, mesh.vertices, fmt="v %.9g %.9g %.9g")
+        np.savetxt(out, mesh.faces + 1, fmt="f %d %d %d")

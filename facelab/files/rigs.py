@@ -1,0 +1,333 @@
+"""Blendshape rigs from files: GLB, glTF and VRM, folders of OBJ files, and facelab's own."""
+
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from facelab.checks import check_number, check_type
+from facelab.files.gltf_read import GltfScene
+from facelab.files.meshes import check_kind, unit_of
+from facelab.files.obj import read_obj_file, read_obj_rows
+from facelab.geometry.mesh import TriangleMesh
+from facelab.geometry.size import check_face_size, face_scale, longest_side
+from facelab.geometry.welding import alike, rejoined, same_place
+from facelab.rig import BlendshapeRig, RigSource
+from facelab.storage import load_npz, save_npz
+
+KINDS = (".glb", ".gltf", ".vrm", ".npz")
+"""Endings of files that hold a rig that can be read; a folder of OBJ files is another kind."""
+
+_FACIAL = re.compile(
+    r"brow|blink|eye|lid|cheek|nose|nostril|mouth|lip|jaw|chin|smile|frown|viseme|tongue|pucker|"
+    r"^au_?\d|^fcl_",
+    re.IGNORECASE,
+)
+_NEUTRAL = ("neutral", "rest", "basis", "base", "default")  # the plainest word first
+_PLACE = 0.001  # mm: vertices so near to each other are in one place
+_SAME = 0.01  # mm: and are two sides of a seam, if no shape moves them more apart than this
+_BODY = 7.0  # a mesh so many times as large as what its shapes move is a body with a face
+
+
+def read_rig(path, mesh=None, scale=None, neutral=None):
+    """A blendshape rig from a GLB, glTF or VRM file, a folder of OBJ files, or our own npz.
+
+    Vertices at the same place that all shapes move alike are joined, so that seams of texture
+    coordinates are closed; `rig.source.index` leads back. Lips that touch stay apart.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file, or a folder with one OBJ for the face at rest and one for each shape, named after
+        it, all with the same vertices.
+    mesh : str, optional
+        The part whose shapes to read; that with the most facial ones if left out.
+    scale : float, optional
+        Millimetres in the file's unit of length: 10 for centimetres. If left out, glTF counts in
+        metres and OBJ in millimetres, unless the size says otherwise: then the unit that makes it
+        a face is taken, with a warning.
+    neutral : str, optional
+        Name of the OBJ at rest, found by its name if left out.
+
+    Returns
+    -------
+    BlendshapeRig
+        Millimetres. Names as in the file; `parts` are the other meshes of the file (eyes, teeth),
+        `source` tells where all came from.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError, TypeError
+        For a missing or damaged file, one without shapes, another kind of file (with the way to
+        convert it), or a part that it does not have.
+
+    Warns
+    -----
+    UserWarning
+        Of a unit that was taken from the size, of shapes without name, and of what was left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import facelab
+    >>> face = facelab.load_template(4375)
+    >>> smile = np.zeros((1, face.n_vertices, 3))
+    >>> smile[0, face.landmarks["mouth_corner_left"]] = [4, 5, -2]
+    >>> facelab.files.write_glb("head.glb", face, smile, ["smileLeft"])
+    >>> facelab.read_rig("head.glb")
+    BlendshapeRig(1 shapes on 4375 vertices)
+    """
+    if scale is not None:
+        scale = check_number(scale, "scale", above=0)
+    if isinstance(path, (str, Path)) and Path(path).is_dir():
+        return _from_folder(Path(path), mesh, scale, neutral)
+    kind = check_kind(path, KINDS)
+    if neutral is not None:
+        raise ValueError(f"neutral={neutral!r} names an OBJ of a folder, but {path} is a file.")
+    if kind == ".npz":
+        if mesh is not None or scale is not None:
+            raise ValueError(
+                f"{path}: such a file holds one mesh in millimetres; leave out mesh and scale."
+            )
+        return _from_npz(path)
+    return _from_gltf(path, mesh, scale)
+
+
+# --- GLB, glTF, VRM -------------------------------------------------------------------------------
+
+
+def _from_gltf(path, mesh, scale):
+    scene = GltfScene(path)
+    chosen = None if mesh is None else scene.find(mesh)
+    shaped = [name for k, name in enumerate(scene.names) if scene.n_targets(k)]
+    if not shaped or (chosen is not None and not scene.n_targets(chosen)):
+        found = f"has no morph targets, but {', '.join(shaped)}" if shaped else "no morph targets"
+        raise ValueError(
+            f"{scene.path}: {found} in it; export it with shape keys (Blender: File > Export > "
+            "glTF 2.0, Data > Mesh > Shape Keys), or read it with read_mesh."
+            if not shaped
+            else f"{scene.path}: mesh={mesh!r} has no morph targets; those with some are "
+            f"{', '.join(map(repr, shaped))}."
+        )
+    parts = [scene.part(k, shapes=True) for k in range(len(scene.names))]
+    names = [_distinct(scene.path, part) for part in parts]
+    if chosen is None:
+        chosen = max(range(len(parts)), key=lambda k: _facial(names[k], parts[k].deltas))
+    head = parts[chosen]
+    scale = _unit(scene.path, head.vertices, head.deltas, unit_of(".glb"), scale)
+    others = {}
+    for k, part in enumerate(parts):
+        if k != chosen:
+            rest, deltas, _, _ = _welded(scene.path, part.vertices, part.faces, part.deltas, scale)
+            others[part.name] = BlendshapeRig(rest, names[k], deltas) if names[k] else rest
+    rest, deltas, index, apart = _welded(scene.path, head.vertices, head.faces, head.deltas, scale)
+    source = RigSource(str(path), head.name, index, scale, apart)
+    return BlendshapeRig(rest, names[chosen], deltas, {}, others, source)
+
+
+def _facial(names, deltas):
+    """How much of a face a part is: facial shapes that move something, then vertices moved."""
+    moved = [(d != 0).any(axis=1).sum() for d in deltas]
+    facial = sum(1 for n, m in zip(names, moved, strict=True) if m and _FACIAL.search(n))
+    return facial, sum(map(bool, moved)), sum(moved)
+
+
+def _distinct(path, part):
+    """Names of a part's targets, each once and none empty."""
+    names, found = list(part.names), []
+    for k, name in enumerate(names):
+        label, n = name or f"target {k + 1}", 1
+        new = label
+        while new in found:
+            n += 1
+            new = f"{label} ({n})"
+        found.append(new)
+    if found != names:
+        odd = [f"{b}" for a, b in zip(names, found, strict=True) if a != b]
+        warnings.warn(
+            f"{path}: {len(odd)} morph target(s) of {part.name!r} have no name, or one that is "
+            f"there twice; they are called {', '.join(odd[:6])}{', ...' * (len(odd) > 6)}.",
+            stacklevel=4,
+        )
+    return found
+
+
+# --- a folder of OBJ files ------------------------------------------------------------------------
+
+
+def _from_folder(folder, mesh, scale, neutral):
+    files = {f.stem: f for f in sorted(folder.iterdir()) if f.suffix.lower() == ".obj"}
+    if len(files) < 2:
+        raise ValueError(
+            f"{folder}: {len(files)} OBJ file(s) in it; a rig needs one for the face at rest and "
+            "one for each shape."
+        )
+    rest = _neutral_of(folder, files, neutral)
+    rest_lines = read_obj_rows(files[rest])[1]
+    base = read_obj_file(files.pop(rest))
+    kept = np.arange(len(base.vertices)) if mesh is None else base.vertices_of(mesh)
+    new = np.full(len(base.vertices), -1)
+    new[kept] = np.arange(len(kept))
+    V = base.vertices[kept]
+    F = base.faces if mesh is None else new[base.faces[base.parts[mesh]]]
+    deltas = np.empty((len(files), len(V), 3), np.float32)
+    for k, file in enumerate(files.values()):
+        shape, lines = read_obj_rows(file)
+        if len(shape) != len(base.vertices):
+            raise ValueError(
+                f"{file}: {len(shape)} vertices, but {rest}.obj has "
+                f"{len(base.vertices)}; all shapes of a rig need the same. Take other files out of "
+                "the folder, or name the face at rest with neutral=."
+            )
+        if lines != rest_lines and _other_faces(file, base):
+            raise ValueError(
+                f"{file}: its faces are not those of {rest}.obj, so its vertices stand in another "
+                "order; export it again with 'keep vertex order'."
+            )
+        deltas[k] = shape[kept] - V
+    scale = _unit(folder, V, deltas, unit_of(".obj"), scale)
+    rest_mesh, deltas, index, apart = _welded(folder, V, F, deltas, scale)
+    source = RigSource(str(folder), mesh or rest, index, scale, apart)
+    return BlendshapeRig(rest_mesh, list(files), deltas, source=source)
+
+
+def _other_faces(file, base):
+    """Whether a shape joins other vertices than the face at rest, in the order of the file."""
+    faces = read_obj_file(file).faces
+    if faces.shape != base.faces.shape:
+        return True
+    same = (faces == base.faces).all(axis=1)
+    return same.mean() < 0.9  # a few quads may be cut otherwise, for they bend otherwise
+
+
+def _neutral_of(folder, files, neutral):
+    """Name of the file at rest."""
+    if neutral is not None:
+        name = check_type(neutral, "neutral", str, "give the name of an OBJ file")
+        name = name[:-4] if name.lower().endswith(".obj") else name
+        if name not in files:
+            raise ValueError(
+                f"{folder}: neutral={neutral!r} is not in it; its OBJ files are "
+                f"{', '.join(list(files)[:8])}{', ...' * (len(files) > 8)}."
+            )
+        return name
+    found = []
+    for word in _NEUTRAL:
+        found = [name for name in files if re.search(rf"(?<![a-z]){word}(?![a-z])", name, re.I)]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            break
+    raise ValueError(
+        f"{folder}: which OBJ is the face at rest? {', '.join(found[:6]) or 'None'} would be by "
+        f"name; give neutral=, one of {', '.join(list(files)[:8])}{', ...' * (len(files) > 8)}."
+    )
+
+
+# --- facelab's own --------------------------------------------------------------------------------
+
+
+def write_rig(path, rig):
+    """Write a rig to an .npz file that `read_rig` reads, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+        Ends in .npz.
+    rig : BlendshapeRig
+        Its neutral with landmarks, shapes and identities; parts and source are not kept.
+    """
+    check_type(rig, "rig", BlendshapeRig, "give a rig")
+    marks, people = rig.neutral.landmarks, rig.identities
+    save_npz(
+        path,
+        "rig",
+        1,
+        vertices=rig.neutral.vertices,
+        faces=rig.neutral.faces,
+        names=np.array(rig.names, dtype=str),
+        deltas=rig.deltas,
+        landmark_names=np.array(list(marks), dtype=str),
+        landmarks=np.array(list(marks.values()), dtype=np.int64),
+        identity_names=np.array(list(people), dtype=str),
+        identities=np.array(list(people.values())).reshape(-1, rig.neutral.n_vertices, 3),
+    )
+
+
+def _from_npz(path):
+    data = load_npz(path, "rig", 1)
+    kinds = {"vertices": "f", "deltas": "f", "identities": "f", "faces": "iu", "landmarks": "iu"}
+    kinds |= {"names": "U", "landmark_names": "U", "identity_names": "U"}
+    for name, kind in kinds.items():
+        if name not in data or data[name].dtype.kind not in kind:
+            raise ValueError(f"{path}: its array {name!r} is missing or of another type.")
+    pairs = (("landmark_names", "landmarks"), ("identity_names", "identities"))
+    for names, values in pairs:
+        if data[names].ndim != 1 or data[names].shape != data[values].shape[:1]:
+            raise ValueError(f"{path}: {names} and {values} are not of the same number.")
+    marks, people = (
+        {n: v for n, v in zip(data[a].tolist(), data[b], strict=True)} for a, b in pairs
+    )
+    try:
+        mesh = TriangleMesh(data["vertices"], data["faces"], marks)
+        rig = BlendshapeRig(mesh, np.atleast_1d(data["names"]).tolist(), data["deltas"], people)
+    except (ValueError, TypeError) as error:  # ours
+        raise ValueError(f"{path}: {error}") from None
+    check_face_size(mesh.vertices, path)
+    return rig
+
+
+# --- both -----------------------------------------------------------------------------------------
+
+
+def _unit(path, V, deltas, declared, scale):
+    """Millimetres in the file's unit: what was given, what its kind declares, or what fits."""
+    if scale is not None:
+        check_face_size(V, path, scale)
+        return scale
+    side = longest_side(V)
+    moves = np.zeros(len(V))
+    for delta in deltas:
+        moves = np.maximum(moves, np.linalg.norm(delta, axis=1))
+    moved = moves > 0.05 * moves.max() if len(moves) else moves
+    face = longest_side(V[moved]) if moved.any() else side
+    if 0 < _BODY * face < side:  # a body: what the shapes move is its face
+        side = face
+    found = face_scale(side)
+    if found == declared or face_scale(side * declared) == 1:
+        return declared
+    if found is None or face_scale(side * declared) == 0.1:  # it may as well be a whole body
+        check_face_size(V, path, declared)
+        return declared
+    warnings.warn(
+        f"{path}: its face is {side:.4g} long, which makes no face at {declared:g} mm to the unit; "
+        f"it is read with scale={found:g}. Give scale= to say what it is.",
+        stacklevel=4,
+    )
+    return found
+
+
+def _welded(path, V, F, deltas, scale):
+    """The mesh and its shapes in millimetres, seams closed.
+
+    Returns
+    -------
+    mesh : TriangleMesh
+    deltas : ndarray of float32
+    index : ndarray of int
+        Vertex of the mesh for each one of `V`.
+    apart : int
+        Vertices at the place of another one that move otherwise.
+    """
+    V, deltas = V * scale, deltas * np.float32(scale)
+    try:
+        mesh = TriangleMesh(V, F)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    place = same_place(V, _PLACE)
+    index = alike(place, deltas, _SAME)
+    kept = np.unique(index, return_index=True)[1]
+    apart = len(kept) - int(place.max()) - 1
+    mesh = TriangleMesh(V[kept], rejoined(mesh.faces, index))
+    return mesh, deltas[:, kept], index, apart

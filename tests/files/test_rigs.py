@@ -1,0 +1,284 @@
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shapes import sphere_mesh
+
+from facelab.files import read_mesh, read_rig, write_glb, write_obj, write_rig
+from facelab.geometry.mesh import TriangleMesh
+from facelab.rig import BlendshapeRig
+
+FIXTURES = Path(__file__).resolve().parents[1] / "fixtures"
+
+
+@pytest.fixture
+def rig(rng):
+    """A ball of a head's size with three shapes that move its front."""
+    mesh = sphere_mesh(2, radius=100.0)
+    near = np.maximum(0, mesh.vertices[:, 2] / 100)
+    deltas = near[None, :, None] * rng.normal(scale=5, size=(3, 1, 3))
+    names = ["jawOpen", "browInnerUp", "mouthSmileLeft"]
+    return BlendshapeRig(TriangleMesh(mesh.vertices, mesh.faces, {"chin": 4}), names, deltas)
+
+
+def write_folder(folder, rig, scale=1.0, rest="neutral"):
+    folder.mkdir(exist_ok=True)
+    shapes = {rest: rig.neutral.vertices}
+    shapes |= {n: rig.neutral.vertices + d for n, d in zip(rig.names, rig.deltas, strict=True)}
+    for name, V in shapes.items():
+        write_obj(folder / f"{name}.obj", TriangleMesh(V * scale, rig.neutral.faces))
+    return folder
+
+
+def silently(read, *args, **kwargs):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return read(*args, **kwargs)
+
+
+# --- GLB ------------------------------------------------------------------------------------------
+
+
+def test_a_rig_written_as_glb_comes_back_in_millimetres_with_its_names(tmp_path, rig):
+    write_glb(tmp_path / "head.glb", rig.neutral, rig.deltas, rig.names)
+    again = silently(read_rig, tmp_path / "head.glb")
+    assert again.names == rig.names
+    np.testing.assert_allclose(again.neutral.vertices, rig.neutral.vertices, atol=1e-5)
+    np.testing.assert_allclose(again.deltas, rig.deltas, atol=2e-6)  # less is left out when written
+    np.testing.assert_array_equal(again.neutral.faces, rig.neutral.faces)
+    assert (again.source.mesh, again.source.scale, again.parts) == ("face", 1000, {})
+    assert again.source.index.tolist() == list(range(rig.neutral.n_vertices))
+
+
+@pytest.mark.parametrize("name", ["avatar", "avatar_quantised", "avatar_sparse", "avatar_meshopt"])
+def test_an_avatar_becomes_a_rig_with_its_seam_closed_and_its_parts_by_name(name):
+    rig = silently(read_rig, FIXTURES / f"{name}.glb")
+    assert rig.names == ("jawOpen", "eyeBlinkLeft", "mouthSmileRight", "browInnerUp")
+    assert rig.source.mesh == "Head"
+    assert rig.neutral.n_vertices == 11 * 16 + 2  # a ball of 13 rings, its poles are points
+    assert not rig.neutral.boundary_loops and rig.neutral.pieces.max() == 0
+    np.testing.assert_allclose(np.ptp(rig.neutral.vertices, axis=0), [150, 220, 180], atol=0.3)
+    assert list(rig.parts) == ["Teeth", "EyeLeft"]
+    teeth, eye = rig.parts.values()
+    assert teeth.names == ("jawOpen",) and isinstance(eye, TriangleMesh)
+    assert np.ptp(eye.vertices, axis=0).max() == pytest.approx(24, abs=0.01)
+
+
+def test_the_index_map_leads_from_the_file_to_the_rig():
+    with pytest.warns(UserWarning, match="morph targets are left out"):
+        held = read_mesh(FIXTURES / "avatar.glb", mesh="Head")
+    rig = read_rig(FIXTURES / "avatar.glb")
+    assert len(rig.source.index) == held.n_vertices
+    back = rig.neutral.vertices[rig.source.index]
+    assert np.abs(back - held.vertices).max() < 1e-3  # a seam is closed over less than that
+
+
+def test_the_part_to_read_is_chosen_by_name():
+    rig = read_rig(FIXTURES / "avatar.glb", mesh="TeethMesh")
+    assert (rig.names, list(rig.parts)) == (("jawOpen",), ["Head", "EyeLeft"])
+    with pytest.raises(ValueError, match="mesh='Nose' is not in it; its parts are 'Teeth', 'Head'"):
+        read_rig(FIXTURES / "avatar.glb", mesh="Nose")
+    with pytest.raises(
+        ValueError, match="mesh='EyeLeft' has no morph targets; those with some are"
+    ):
+        read_rig(FIXTURES / "avatar.glb", mesh="EyeLeft")
+
+
+def test_lips_that_touch_stay_apart_and_seams_close(tmp_path):
+    """Two strips that share an edge three times: as a seam, and as lips that move apart."""
+    V = np.array([[x, y, 0.0] for y in (0, 100, 100, 100, 200) for x in (0, 50, 100)])
+    V[12:] += [0, 0, 0]
+    low, high = [0, 1, 2, 3, 4, 5], [9, 10, 11, 12, 13, 14]
+    F = [[a[k], a[k + 1], a[k + 3]] for a in (low, high) for k in (0, 1)]
+    F += [[a[k + 1], a[k + 4], a[k + 3]] for a in (low, high) for k in (0, 1)]
+    mesh = TriangleMesh(np.delete(V, [6, 7, 8], axis=0), np.array(F) - 3 * (np.array(F) > 8))
+    deltas = np.zeros((1, 12, 3))
+    deltas[0, 6:, 1] = 20  # the upper strip rises
+    deltas[0, [3, 4], 1] = [20, 0]  # of the lower one, one end goes along: there it is a seam
+    write_glb(tmp_path / "lips.glb", mesh, deltas, ["mouthOpen"])
+    rig = read_rig(tmp_path / "lips.glb")
+    assert rig.neutral.n_vertices == 11
+    assert rig.source.index[3] == rig.source.index[6]
+    assert rig.source.apart == 2
+
+
+def test_shapes_without_names_are_numbered_and_said(tmp_path, rig):
+    write_glb(tmp_path / "a.glb", rig.neutral, rig.deltas, ["", "x", "y"])
+    with pytest.warns(UserWarning, match=r"1 morph target\(s\) of 'face' have no name.*target 1"):
+        assert read_rig(tmp_path / "a.glb").names == ("target 1", "x", "y")
+
+
+def test_a_file_without_shapes_is_refused_with_what_to_do(tmp_path, rig):
+    write_glb(tmp_path / "a.glb", rig.neutral)
+    with pytest.raises(ValueError, match="no morph targets in it; export it with shape keys"):
+        read_rig(tmp_path / "a.glb")
+
+
+@pytest.mark.parametrize("kind", ["fbx", "blend", "dae", "ma"])
+def test_other_kinds_of_file_are_refused_with_the_way_to_make_a_glb(tmp_path, kind):
+    with pytest.raises(ValueError, match=r"unknown kind; readable are .glb, .*: .*Blender.* GLB"):
+        read_rig(tmp_path / f"head.{kind}")
+
+
+# --- a folder of OBJ files ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rest", ["neutral", "Head_Neutral", "my basis", "face-rest"])
+def test_a_folder_of_objs_becomes_a_rig(tmp_path, rig, rest):
+    again = silently(read_rig, write_folder(tmp_path / "shapes", rig, rest=rest))
+    assert again.names == tuple(sorted(rig.names))
+    order = [rig.names.index(n) for n in again.names]
+    np.testing.assert_allclose(again.deltas, rig.deltas[order], atol=1e-5)
+    np.testing.assert_array_equal(again.neutral.faces, rig.neutral.faces)
+    assert again.source.mesh == rest
+
+
+def test_the_face_at_rest_is_named_or_asked_for(tmp_path, rig):
+    folder = write_folder(tmp_path / "shapes", rig, rest="pose_0")
+    with pytest.raises(ValueError, match=r"which OBJ is the face at rest\?.* one of browInnerUp"):
+        read_rig(folder)
+    assert len(read_rig(folder, neutral="pose_0").names) == 3
+    assert len(read_rig(folder, neutral="pose_0.obj").names) == 3
+    with pytest.raises(ValueError, match="neutral='pose_1' is not in it; its OBJ files are"):
+        read_rig(folder, neutral="pose_1")
+
+
+def test_shapes_of_another_mesh_or_another_order_are_refused_by_name(tmp_path, rig, rng):
+    folder = write_folder(tmp_path / "shapes", rig)
+    write_obj(folder / "zz.obj", sphere_mesh(1, radius=100))
+    with pytest.raises(ValueError, match=r"zz.obj: 42 vertices, but neutral.obj has 162"):
+        read_rig(folder)
+    mixed = rng.permutation(162)
+    place = np.argsort(mixed)
+    write_obj(
+        folder / "zz.obj", TriangleMesh(rig.neutral.vertices[mixed], place[rig.neutral.faces])
+    )
+    with pytest.raises(ValueError, match=r"zz.obj: its faces are not those of neutral.obj, so its"):
+        read_rig(folder)
+
+
+def test_a_folder_without_shapes_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"0 OBJ file\(s\) in it; a rig needs one for the face at"):
+        read_rig(tmp_path)
+
+
+def test_an_object_of_the_objs_can_be_chosen(tmp_path, rig):
+    folder = write_folder(tmp_path / "shapes", rig)
+    for file in folder.iterdir():
+        file.write_text(file.read_text() + "o Eye\nv 0 0 0\nv 9 0 0\nv 0 9 0\nf -1 -2 -3\n")
+        text = file.read_text()
+        file.write_text(text.replace("f ", "o Head\nf ", 1))
+    assert silently(read_rig, folder, mesh="Head").neutral.n_vertices == 162
+    assert read_rig(folder).neutral.n_vertices == 165
+
+
+# --- size -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("unit, scale", [(1000, 0.001), (10, 0.1), (100, 0.01)])
+def test_the_unit_of_objs_is_taken_from_the_size_of_a_face_and_said(tmp_path, rig, unit, scale):
+    folder = write_folder(tmp_path / "shapes", rig, scale)
+    with pytest.warns(UserWarning, match=f"it is read with scale={unit}. Give scale="):
+        again = read_rig(folder)
+    np.testing.assert_allclose(again.neutral.vertices, rig.neutral.vertices, atol=1e-3)
+    assert again.source.scale == unit
+    np.testing.assert_allclose(silently(read_rig, folder, scale=unit).deltas, again.deltas)
+
+
+@pytest.mark.parametrize("scale, unit", [(100, 10), (1000, 1)])
+def test_a_glb_that_does_not_count_in_metres_is_noticed(tmp_path, rig, scale, unit):
+    mesh = rig.neutral.with_vertices(rig.neutral.vertices * scale)
+    write_glb(tmp_path / "a.glb", mesh, rig.deltas * scale, rig.names)
+    with pytest.warns(UserWarning, match=f"it is read with scale={unit}. Give scale="):
+        again = read_rig(tmp_path / "a.glb")
+    np.testing.assert_allclose(again.neutral.vertices, rig.neutral.vertices, atol=1e-3)
+
+
+def test_a_scale_that_makes_no_face_is_said_but_kept(tmp_path, rig):
+    folder = write_folder(tmp_path / "shapes", rig)
+    with pytest.warns(UserWarning, match="longest side is 2000 mm.*or a whole body: give scale=1"):
+        again = read_rig(folder, scale=10)
+    assert np.ptp(again.neutral.vertices, axis=0).max() == pytest.approx(2000, rel=1e-3)
+
+
+def test_the_face_of_a_whole_body_is_what_its_shapes_move(tmp_path, rig):
+    body = sphere_mesh(2, radius=900.0)
+    n = rig.neutral.n_vertices
+    V = np.vstack([rig.neutral.vertices, body.vertices - [0, 1010, 0]])
+    mesh = TriangleMesh(V, np.vstack([rig.neutral.faces, body.faces + n]))
+    deltas = np.concatenate([rig.deltas, np.zeros((3, body.n_vertices, 3))], axis=1)
+    write_glb(tmp_path / "body.glb", mesh, deltas, rig.names)
+    again = silently(read_rig, tmp_path / "body.glb")
+    np.testing.assert_allclose(again.neutral.vertices, V, atol=1e-3)
+    assert again.still.sum() == body.n_vertices  # still parts are told from skin
+
+
+# --- our own --------------------------------------------------------------------------------------
+
+
+def test_a_rig_in_an_npz_comes_back_as_it_was(tmp_path, rig, rng):
+    people = {"a": rng.normal(size=(162, 3)), "b": rng.normal(size=(162, 3))}
+    rig = BlendshapeRig(rig.neutral, rig.names, rig.deltas.astype(np.float32), people)
+    write_rig(tmp_path / "rig.npz", rig)
+    again = silently(read_rig, tmp_path / "rig.npz")
+    assert again.names == rig.names and again.neutral.landmarks == {"chin": 4}
+    np.testing.assert_array_equal(again.neutral.vertices, rig.neutral.vertices)
+    np.testing.assert_array_equal(again.deltas, rig.deltas)
+    assert list(again.identities) == ["a", "b"]
+    np.testing.assert_array_equal(again.identities["b"], people["b"])
+    with pytest.raises(ValueError, match="holds one mesh in millimetres; leave out mesh and scale"):
+        read_rig(tmp_path / "rig.npz", scale=10)
+
+
+@pytest.mark.parametrize(
+    "name, value, words",
+    [
+        ("deltas", np.zeros((3, 5, 3)), r"rig.npz: deltas has shape \(3, 5, 3\)"),
+        ("deltas", np.full((3, 162, 3), np.nan), "rig.npz: deltas holds .* NaN"),
+        ("names", np.array(["a", "a", "b"]), "rig.npz: names holds a more than once"),
+        ("names", np.arange(3), "its array 'names' is missing or of another type"),
+        ("landmarks", np.array([999]), r"rig.npz: landmarks\['chin'\]=999"),
+        (
+            "landmark_names",
+            np.array(["a", "b"]),
+            "landmark_names and landmarks are not of the same",
+        ),
+    ],
+)
+def test_an_npz_that_does_not_agree_is_refused(tmp_path, rig, monkeypatch, name, value, words):
+    from facelab.files import rigs
+
+    save = rigs.save_npz
+    monkeypatch.setattr(rigs, "save_npz", lambda *a, **k: save(*a, **{**k, name: value}))
+    write_rig(tmp_path / "rig.npz", rig)
+    with pytest.raises(ValueError, match=words):
+        read_rig(tmp_path / "rig.npz")
+
+
+# --- names ----------------------------------------------------------------------------------------
+
+
+def test_a_rig_and_its_parts_are_renamed():
+    rig = read_rig(FIXTURES / "avatar.glb")
+    again = rig.renamed({"jawOpen": "AU26", "browInnerUp": "AU1"})
+    assert again.names == ("AU26", "eyeBlinkLeft", "mouthSmileRight", "AU1")
+    assert again.parts["Teeth"].names == ("AU26",)
+    assert again.source is rig.source and again.deltas is rig.deltas
+    with pytest.raises(ValueError, match=r"unknown shape.* jawShut; this rig has"):
+        rig.renamed({"jawShut": "AU26"})
+    with pytest.raises(ValueError, match="names holds browInnerUp more than once"):
+        rig.renamed({"jawOpen": "browInnerUp"})
+
+
+@pytest.mark.real
+def test_the_generic_face_is_read_from_its_folder(ict_root, tmp_path, real_rig):
+    for name in ("generic_neutral_mesh", "jawOpen", "mouthSmile_L"):
+        (tmp_path / f"{name}.obj").symlink_to(ict_root / "FaceXModel" / f"{name}.obj")
+    with pytest.warns(UserWarning, match="it is read with scale=10"):
+        rig = read_rig(tmp_path)
+    assert (rig.names, len(rig.source.index)) == (("jawOpen", "mouthSmile_L"), 26719)
+    at = rig.source.index[:6706]
+    np.testing.assert_allclose(rig.neutral.vertices[at], real_rig.neutral.vertices, atol=1e-3)
+    jaw = real_rig.deltas[real_rig.names.index("jawOpen")]
+    np.testing.assert_allclose(rig.deltas[0, at], jaw, atol=0.02)
