@@ -42,7 +42,7 @@ from facelab.data import (
     load_template,
 )
 from facelab.expression import ExpressionSession, IntermediateSpace, regress_expression
-from facelab.files import read_mesh
+from facelab.files import read_mesh, read_weights
 from facelab.geometry import TriangleMesh, bind
 from facelab.models import HolisticModel, RegionModel, rms_error
 from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
@@ -79,6 +79,7 @@ __all__ = [
     "numeric",
     "posing",
     "read_mesh",
+    "read_weights",
     "register_sequence",
     "registration",
     "regress_expression",

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from mutants import BINARY, BYTES, TEXT, mutants, tally, verdict
 
-import facelab.io
+import facelab.storage
 
 TABLE = b"frame,fps,a,b\n0,30.0,0.5,0.25\n1,30.0,0.75,-0.5\n2,30.0,0.1,0.2\n"
 
@@ -29,7 +29,7 @@ def test_the_smallest_files_have_mutants_too(data):
 
 def test_a_refusal_counts_only_in_our_words(tmp_path):
     def ours(path):
-        facelab.io.existing_file(path, "table")
+        facelab.storage.existing_file(path, "table")
 
     def names_no_file(path):
         raise ValueError("something is wrong")

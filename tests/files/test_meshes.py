@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import trimesh
+from facelab.files.live_link import read_live_link_csv
 from shapes import sphere_mesh
 
 from facelab import storage
-from facelab.files.live_link import read_live_link_csv
 from facelab.files.meshes import read_mesh, read_obj, read_obj_vertices, write_obj, write_ply
 from facelab.geometry.mesh import TriangleMesh
 from facelab.storage import atomic_path, load_npz, save_npz

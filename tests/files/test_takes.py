@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-
 from facelab.files.live_link import read_live_link_csv
+
 from facelab.files.takes import (
     ARKIT,
     arkit_names,
