@@ -1,12 +1,10 @@
 import re
 import struct
 import zipfile
-from itertools import pairwise
 
 import numpy as np
 import pytest
 import trimesh
-from facelab.files.live_link import read_live_link_csv
 from shapes import sphere_mesh
 
 from facelab import storage
@@ -153,7 +151,7 @@ def test_an_obj_that_cannot_be_used_is_refused_with_its_place(write, text, words
         read_obj(write(text))
 
 
-@pytest.mark.parametrize("read", [read_obj, read_obj_vertices, read_mesh, read_live_link_csv])
+@pytest.mark.parametrize("read", [read_obj, read_obj_vertices, read_mesh])
 def test_a_missing_file_is_refused_by_name(tmp_path, read):
     with pytest.raises(FileNotFoundError, match=r"nowhere.obj.*there is no such"):
         read(tmp_path / "nowhere.obj")
@@ -485,198 +483,3 @@ def test_files_that_are_not_ours_are_refused_by_name(tmp_path, write):
 def test_npz_files_are_called_npz(tmp_path):
     with pytest.raises(ValueError, match=r"must end in .npz"):
         save_npz(tmp_path / "a.pose", "pose", 1, x=[1.0])
-
-
-# --- Live Link Face -------------------------------------------------------------------------------
-
-COLUMNS = ["EyeBlinkLeft", "BrowInnerUp", "JawOpen", "HeadYaw", "RightEyeRoll"]
-
-
-def code(frames, base=30, start=13 * 3600 + 13 * 60 + 4):
-    """Time code of a moment counted in frames of 1/base second."""
-    second, frame = divmod(frames, base)
-    hours, rest = divmod(int(start + second), 3600)
-    return f"{hours:02d}:{rest // 60:02d}:{rest % 60:02d}:{frame:06.3f}"
-
-
-def live_link(codes, columns=COLUMNS, values=None):
-    """Text of a CSV in which every value is another: row number + column number / 10."""
-    rows = [",".join(["Timecode", "BlendShapeCount", *columns])]
-    for i, stamp in enumerate(codes):
-        row = values[i] if values else [f"{i + k / 10:.4f}" for k in range(len(columns))]
-        rows.append(",".join([stamp, "61", *map(str, row)]))
-    return "\n".join(rows) + "\n"
-
-
-@pytest.fixture
-def read_csv(write):
-    return lambda text: read_live_link_csv(write(text, "take.csv"))
-
-
-def test_a_take_has_arkits_names_and_its_angles_apart(read_csv):
-    take = read_csv(live_link([code(i) for i in range(40)]))
-    assert take.names == ("eyeBlinkLeft", "browInnerUp", "jawOpen")
-    rows = np.arange(40.0)
-    np.testing.assert_allclose(take.weights, rows[:, None] + [0, 0.1, 0.2])
-    assert set(take.angles) == {"HeadYaw", "RightEyeRoll"}
-    np.testing.assert_allclose(take.angles["RightEyeRoll"], rows + 0.4)
-    assert (take.fps, take.n_frames, take.valid.all()) == (30, 40, True)
-
-
-@pytest.mark.parametrize(
-    "base, every, fps",
-    [(60, 2, 30), (60, 1, 60), (30, 1, 30), (24, 1, 24), (25, 1, 25), (120, 4, 30), (60, 4, 15)],
-)
-def test_rate_and_base_of_the_time_code_are_told_apart(read_csv, base, every, fps):
-    # two seconds and a half from the middle of a second, so that codes wrap twice
-    codes = [code(base // 2 + every * i, base) for i in range(int(2.5 * base / every))]
-    take = read_csv(live_link(codes))
-    assert take.fps == fps
-    assert take.n_frames == len(codes)
-    assert take.valid.all()
-
-
-@pytest.mark.parametrize("base, every", [(30, 1), (60, 2)])
-def test_dropped_frames_come_back_as_lost_ones_in_their_place(read_csv, base, every):
-    present = [i for i in range(90) if i not in (7, 30, 31, 32, 60)]
-    take = read_csv(live_link([code(0.65 + every * i, base) for i in present]))
-    assert take.n_frames == 90
-    np.testing.assert_array_equal(np.flatnonzero(take.valid), present)
-    np.testing.assert_allclose(take.weights[present, 0], np.arange(len(present)))
-    assert np.isnan(take.weights[~take.valid]).all()
-    assert np.isnan(take.angles["HeadYaw"][~take.valid]).all()
-
-
-def test_a_frozen_frame_is_lost_but_one_that_moved_in_a_single_value_is_not(read_csv):
-    rows = [[0.1, 0.2, 0.3, 0.0, 0.0] for _ in range(40)]
-    for i in range(40):
-        rows[i][2] = i if i not in (12, 13) else 11  # repeats frame 11 exactly, twice
-    rows[20] = [*rows[19][:4], 0.5]  # only an angle differs
-    take = read_csv(live_link([code(i) for i in range(40)], values=rows))
-    np.testing.assert_array_equal(np.flatnonzero(~take.valid), [12, 13])
-
-
-@pytest.mark.parametrize("speed", [0.995, 1.005, 1.012])
-def test_a_clock_that_drifts_over_a_long_take_neither_loses_nor_invents_frames(read_csv, speed):
-    # after 3000 frames a clock 0.5 % off is 15 frames off, yet every step is nearly one frame
-    take = read_csv(live_link([code(0.4 + i * speed) for i in range(3000)]))
-    assert take.n_frames == 3000
-    assert take.valid.all()
-
-
-def test_jitter_of_a_third_of_a_frame_moves_no_frame(read_csv, rng):
-    jitter = rng.uniform(-0.2, 0.2, size=300)
-    jitter[0] = 0
-    take = read_csv(live_link([code(5 + i + j) for i, j in enumerate(jitter)]))
-    assert take.n_frames == 300
-    assert take.valid.all()
-
-
-@pytest.mark.parametrize("first, n_frames, fps", [(31, 1, 60), (3, 10, 30), (35, 10, 60)])
-def test_a_take_within_one_second_counts_in_thirtieths_or_sixtieths(read_csv, first, n_frames, fps):
-    take = read_csv(live_link([code(first + i, fps) for i in range(n_frames)]))
-    assert (take.n_frames, take.fps) == (n_frames, fps)
-
-
-def test_weights_are_kept_as_recorded_not_clipped(read_csv):
-    rows = [[1.2, -0.1, 0.5, 0, 0], [1.3, 0.1, 0.6, 0, 0]]
-    np.testing.assert_array_equal(
-        read_csv(live_link([code(28), code(29)], values=rows)).weights,
-        [[1.2, -0.1, 0.5], [1.3, 0.1, 0.6]],
-    )
-
-
-@pytest.mark.parametrize("newline", ["\r\n", "\n\n"], ids=["windows", "blank lines"])
-def test_line_endings_and_a_byte_order_mark_do_not_matter(read_csv, newline):
-    text = live_link([code(i) for i in range(35)])
-    plain, other = read_csv(text), read_csv("\ufeff" + text.replace("\n", newline))
-    np.testing.assert_array_equal(plain.weights, other.weights)
-    assert plain.names == other.names
-
-
-GOOD = live_link([code(i) for i in range(31)])  # line i + 2 holds frame i
-
-
-def change(line, old, new):
-    lines = GOOD.split("\n")
-    assert old in lines[line - 1]
-    lines[line - 1] = lines[line - 1].replace(old, new, 1)
-    return "\n".join(lines)
-
-
-@pytest.mark.parametrize(
-    "text, words",
-    [
-        ("", "is empty; export the Live Link CSV file again"),
-        ("\n\n", "line 1: .*Timecode, BlendShapeCount, JawOpen are missing"),
-        ("time,a,b\n1,2,3\n", "line 1: .* Timecode, BlendShapeCount, JawOpen are missing"),
-        (change(1, "JawOpen", "Mund"), "line 1: the column.s. JawOpen are missing"),
-        (change(1, "code,BlendShape", "line,BlendShape"), "line 1: .* Timecode are missing"),
-        (change(1, "Timecode,BlendShapeCount", "BlendShapeCount,Timecode"), "1: other columns"),
-        (change(1, "HeadYaw", ""), "line 1: other columns.*names every column"),
-        (change(1, "BrowInnerUp", "JawOpen"), "line 1: column.s. JawOpen stand more than once"),
-        (GOOD.split("\n")[0], "no frames below the header"),
-        (change(6, ",61,", ",61,0.5,"), "line 6: 8 values, but the header names 7"),
-        (change(6, ",61,", ","), "line 6: 6 values, but the header names 7"),
-        (change(9, "7.2000", "open"), "line 9: could not convert string to float: 'open'"),
-        (change(9, "7.2000", ""), "line 9: could not convert"),
-        (change(9, "7.2000", "nan"), "line 9: NaN or infinity"),
-        (change(9, "7.2000", "inf"), "line 9: NaN or infinity"),
-        (change(9, "7.2000", '"7.2000'), "line 9: could not convert"),
-        (change(5, ":04:", ":"), "line 5: time code '13:13:03.000' is not HH:MM:SS:FF.fff"),
-        (change(5, "13:13", "13:73"), "line 5: time code '13:73:04:03.000' is not"),
-        (change(5, ":03.000", ":nan"), "line 5: time code .* is not"),
-        (change(5, ":03.000", ":-3.000"), "line 5: time code .* is not"),
-        (change(5, ":03.000", ":01.000"), "line 5: the time code does not run forwards"),
-        (change(5, ":03.000", ":02.000"), "line 5: the time code does not run forwards"),
-        (change(20, "13:13", "12:13"), "line 20: the time code does not run forwards"),
-        (change(32, "13:13", "93:13"), "line 32: the time code leaps 288000 seconds"),
-        (change(32, "05:00", "05:250"), "counts 250 frames in a second; 120 at most"),
-        (live_link(["13:13:04:00.00", "13:13:14:00.00"]), "amount to 0 frames/s"),
-    ],
-)
-def test_a_take_that_cannot_be_used_is_refused_with_its_place(read_csv, text, words):
-    with pytest.raises(ValueError, match=r"take\.csv.*" + words):
-        read_csv(text)
-
-
-def test_a_stray_quote_does_not_swallow_the_rest_of_the_file(read_csv):
-    text = live_link([code(i) for i in range(4000)])
-    lines = text.split("\n")
-    lines[2] = lines[2].replace("61,", '61,"', 1)
-    with pytest.raises(ValueError, match=r"take.csv, line 3: could not convert string to float"):
-        read_csv("\n".join(lines))
-
-
-def test_a_file_without_lines_is_refused(read_csv):
-    with pytest.raises(ValueError, match=r"take.csv: not a CSV text file"):
-        read_csv("x" * 200_000)
-
-
-@pytest.mark.parametrize("seed", range(200))
-def test_a_damaged_take_is_refused_or_read_but_breaks_nothing(write, seed):
-    path = write(damaged(GOOD.encode(), np.random.default_rng(seed)), "take.csv")
-    try:
-        take = read_live_link_csv(path)
-    except ValueError as error:
-        assert "take.csv" in str(error)
-    else:
-        assert np.isfinite(take.weights[take.valid]).all()
-
-
-@pytest.mark.real
-@pytest.mark.parametrize("name, rows", [("alex_rom_3", 4030), ("alex_rom_4", 3809)])
-def test_the_real_takes_are_read_whole(captures_root, real_takes, name, rows):
-    take = real_takes[name]
-    lines = (captures_root / f"{name}.csv").read_text().split()[1:]
-    assert len(lines) == rows
-    recorded = [line.split(",", 1) for line in lines]
-    frozen = sum(a[1] == b[1] for a, b in pairwise(recorded))
-    assert take.valid.sum() == rows - frozen
-    assert (take.fps, len(take.names), len(take.angles)) == (30, 52, 9)
-    clock = [np.array(s.split(":"), float) @ [3600, 60, 1, 1 / 60] for s, _ in recorded]
-    # the clock of the phone and the count of frames agree over two minutes to a tenth of a second
-    assert (take.n_frames - 1) / 30 == pytest.approx(clock[-1] - clock[0], abs=0.1)
-    assert take.weights[0, take.names.index("eyeBlinkLeft")] == float(lines[0].split(",")[2])
-    jaw = take.weights[take.valid, take.names.index("jawOpen")]
-    assert 0 <= jaw.min() < 0.1 < 0.5 < jaw.max() < 1.1

@@ -63,7 +63,7 @@ def read_json_recording(path, names=None):
         return _of_frames(path, content, names, None, None)
     if not isinstance(content, dict):
         raise ValueError(
-            f"{path}: neither a table of names nor a list of frames; see read_weights."
+            f"{path}: neither names nor frames on top; see read_weights for its forms."
         )
     inner = [v for v in content.values() if isinstance(v, dict)]
     keys = {normalised(k): v for part in (*inner, content) for k, v in part.items()}

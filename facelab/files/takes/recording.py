@@ -173,6 +173,8 @@ def as_take(found, fps=None, scale=None, repeats="kept", stacklevel=3):
     names = np.array(found.names, dtype=object)
     W = values[:, ~is_angle]
     _say(found, times, same, face)
+    if {*ARKIT} <= {*found.names}:
+        _say_far(found, values, is_angle)
     report = TakeReport(
         path=found.path,
         rows=len(values),
@@ -213,6 +215,17 @@ def _say(found, times, same, face):
         found.warned.append(
             f"{int(same.sum())} of {len(same)} rows repeat the one before exactly and count as "
             "lost tracking; if they are held on purpose, give repeats='kept'"
+        )
+
+
+def _say_far(found, values, is_angle):
+    """ARKit's weights lie between 0 and 1, a recording's a little beside."""
+    far = ((values < -0.25) | (values > 1.5)) & ~is_angle
+    if far.any():
+        row, k = (int(i) for i in np.argwhere(far)[0])
+        found.warned.append(
+            f"{int(far.sum())} weights lie far outside 0 to 1 and are kept, the first in "
+            f"{found.what} {found.rows[row]}: {found.names[k]} {values[row, k]:g}"
         )
 
 

@@ -28,7 +28,7 @@ _SMPTE = re.compile(
     r"(\d{1,2})[:;]([0-5]?\d)[:;]([0-5]?\d)([:;])(\d{1,3})(?:[.,](\d{1,9}))?", re.ASCII
 )
 _CLOCK = re.compile(r"(?:(\d{1,2}):)?([0-5]?\d):([0-5]?\d)(?:[.,](\d{1,9}))?", re.ASCII)
-_SECONDS = re.compile(r"[+-]?\d{1,12}(?:[.,]\d{0,9})?(?:[eE]-?\d{1,2})?", re.ASCII)
+_SECONDS = re.compile(r"[+-]?\d{1,12}(?:[.,]\d{0,20})?(?:[eE]-?\d{1,2})?", re.ASCII)
 _REMEDY = "if the rows follow one another at a fixed rate, say so: fps=30"
 
 
@@ -69,12 +69,15 @@ class _Codes:
 
 @dataclass(frozen=True)
 class _Beats:
-    """What the codes count: the beat of each row, beats a second, seconds that a second lasts."""
+    """What the codes count: the beat of each row, and beats in a second of theirs."""
 
     at: np.ndarray
     per_second: float
-    stretch: float = 1.0
+    drop: bool = False  # a second of theirs lasts 1.001 of the clock's
     notes: tuple = ()
+
+    def of_the_clock(self, rate):
+        return float(rate * 1000 / 1001 if self.drop else rate)
 
 
 def timing(texts, lines, path, what="line"):
@@ -116,34 +119,34 @@ def timing(texts, lines, path, what="line"):
             f"{lines[i]}, {texts[i].strip()}; remove it, or, {_REMEDY}."
         )
     if not len(step):
-        return Timing(np.zeros(1, dtype=int), beats.per_second / beats.stretch, {}, beats.notes)
+        fps = beats.of_the_clock(beats.per_second)
+        return Timing(np.zeros(1, dtype=int), fps, notes=beats.notes)
     rough = beats.per_second / np.median(step)
     if not 0.99 * SLOWEST <= rough <= 1.01 * FASTEST:
         raise ValueError(
             f"{path}, {what}s {lines[0]} to {lines[-1]}: the time codes amount to {rough:.3g} "
             f"frames/s, and a face is recorded with {SLOWEST} to {FASTEST}; {_REMEDY}."
         )
-    slots, rate = _placed(beats.at / beats.per_second, rough)
-    fps, gaps = rate / beats.stretch, {}
+    slots, rate, squeezed = _placed(beats.at / beats.per_second, rough)
+    fps, gaps = beats.of_the_clock(rate), {}
     for i in np.flatnonzero(np.diff(slots) > LONGEST_FILL * rate).tolist():
         missing = int(slots[i + 1] - slots[i] - 1)
         slots[i + 1 :] -= missing
         gaps[int(slots[i + 1])] = missing / fps
-    _refuse_made_up(slots, len(gaps), codes)
+    _refuse_made_up(slots, squeezed, len(gaps), codes)
     return Timing(slots, fps, gaps, beats.notes)
 
 
-def _refuse_made_up(slots, n_gaps, codes):
-    """Where so much would be missing, the codes do not say what they seem to say."""
+def _refuse_made_up(slots, squeezed, n_gaps, codes):
+    """Where so much would be missing or does not fit, the codes do not count frames."""
     step = np.diff(slots)
     filled = int((step - 1).sum())
     broken = int((step > 1).sum()) + n_gaps
-    if filled > max(len(slots), 60) or broken > max(3, 0.5 * len(step)):
-        i = int(np.flatnonzero(step > 1)[0]) if filled else 0
+    if filled > max(len(slots), 60) or broken > max(3, len(step) / 2) or squeezed > len(step) / 8:
         raise ValueError(
-            f"{codes.place(i + 1)}: by their time codes these {len(slots)} rows lack {filled} "
-            f"frames and more in {n_gaps} gaps, the first after {codes.texts[i].strip()}: such "
-            f"codes place no frames; {_REMEDY}."
+            f"{codes.place(0)} and below: by their time codes these {len(slots)} rows lack "
+            f"{filled} frames and more in {n_gaps} gaps, and {squeezed} come too soon: such codes "
+            f"do not count frames; {_REMEDY}."
         )
 
 
@@ -215,18 +218,18 @@ def _smpte(parts, codes):
     base, notes = _base(second, frame, part, drop, codes)
     if _is_millisecond(frame, part, base):
         notes += ("the digits behind the frame number are taken as milliseconds of the second",)
-        return _Beats(_past_midnight(second + part, _DAY), 1, notes=notes)
+        return _Beats(_past_midnight(second + part, _DAY), 1, False, notes)
     passed = base // 15  # numbers passed over in a minute: 2 of 30, 4 of 60
     if drop and ((minute % 10 > 0) & (seconds == 0) & (frame < passed)).any():
         drop = False
         notes += ("marked as drop-frame, but no number is passed over at a minute: not taken so",)
     if not drop:
         beats = _past_midnight(second * base + frame + part, _DAY * base)
-        return _Beats(beats, base, notes=notes)
+        return _Beats(beats, base, False, notes)
     beats = second * base + frame - passed * (minute - minute // 10) + part
     notes += (f"drop-frame time code, {base / 1.001:.2f} beats a second",)
     day = _DAY * base - passed * (1440 - 144)
-    return _Beats(_past_midnight(beats, day), base, 1.001, notes)
+    return _Beats(_past_midnight(beats, day), base, True, notes)
 
 
 def _base(second, frame, part, drop, codes):
@@ -264,20 +267,25 @@ def _is_millisecond(frame, part, base):
 
 
 def _placed(seconds, rough):
-    """Frame of each row, and the rate."""
+    """Frame of each row, the rate, and how many rows come too soon for it."""
     rate = _common(rough, 0.02)
-    slots, faults = _slots(seconds * rate)
+    slots, squeezed = _slots(seconds * rate)
+    faults = _faults(slots, squeezed)
     if faults > 0.02 * len(slots):
         # frames of one rate may be numbered in coarse beats of another: 25 a second in parts of 30
         for other in (r for r in _RATES if 0.55 * rough < r < 1.8 * rough):
-            trial, wrong = _slots(seconds * other)
-            if wrong < faults / 4:
-                rate, slots, faults = other, trial, wrong
-    return slots, _measured(seconds, slots, rate)
+            trial, early = _slots(seconds * other)
+            if _faults(trial, early) < faults / 4:
+                rate, slots, squeezed, faults = other, trial, early, _faults(trial, early)
+    return slots, _measured(seconds, slots, rate), squeezed
+
+
+def _faults(slots, squeezed):
+    return squeezed + int(slots[-1]) + 1 - len(slots)
 
 
 def _slots(at):
-    """Whole frames near the times `at`, each row its own, and how many rows or frames do not fit.
+    """Whole frames near the times `at`, each row its own, and how many rows come too soon.
 
     Counted from row to row, for clocks drift, but from where the last ones were on average, for
     single ones jitter.
@@ -290,7 +298,7 @@ def _slots(at):
         off = time - phase - step
         phase = time if step > 30 else phase + step + max(0.1, 1 / (i + 1)) * off
         slots.append(slots[-1] + step)
-    return np.array(slots), squeezed + slots[-1] + 1 - len(slots)
+    return np.array(slots), squeezed
 
 
 def _common(rate, tolerance):

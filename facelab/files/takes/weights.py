@@ -150,5 +150,6 @@ def _refuse_unwritable(take):
     far += sum(int((np.abs(a[take.valid]) > 2 * np.pi).sum()) for a in take.angles.values())
     if far:
         raise ValueError(
-            f"take holds {far} weights beyond 1000 or angles beyond a turn; scale them."
+            f"take holds {far} values that no weight or angle is (weights beyond 1000, angles "
+            "beyond a turn in radians); scale them."
         )
