@@ -42,7 +42,7 @@ from facelab.data import (
     load_template,
 )
 from facelab.expression import ExpressionSession, IntermediateSpace, regress_expression
-from facelab.files import read_mesh, read_rig
+from facelab.files import read_mesh, read_rig, read_weights
 from facelab.geometry import TriangleMesh, bind
 from facelab.models import HolisticModel, RegionModel, rms_error
 from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
@@ -80,6 +80,7 @@ __all__ = [
     "posing",
     "read_mesh",
     "read_rig",
+    "read_weights",
     "register_sequence",
     "registration",
     "regress_expression",

@@ -1,11 +1,14 @@
 """Sequences in time: positions of a mesh or of markers, weights of a rig. Arrays with names."""
 
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
-from facelab.checks import as_finite, check_number
+from facelab.checks import as_finite, check_index, check_number
 from facelab.geometry.mesh import TriangleMesh
+from facelab.numeric.filters import one_euro, zero_phase
 
 
 def _valid_mask(valid, n_frames):
@@ -152,6 +155,13 @@ class WeightSequence(_Sequence):
         False where the frame was lost.
     angles : dict of str to ndarray of shape (n_frames,), optional
         Head and eye angles recorded beside the weights, radians.
+    others : dict of str to ndarray of shape (n_frames,), optional
+        Numbers that were recorded beside them and are neither; NaN where there was none.
+    gaps : dict of int to float, optional
+        Seconds missing before a frame (not the first), where a recording was interrupted for so
+        long that lost frames do not stand for it. Nothing is interpolated or smoothed across.
+    report : object, optional
+        What the reader of the file found, printable; stays with every part of the sequence.
 
     Examples
     --------
@@ -166,10 +176,18 @@ class WeightSequence(_Sequence):
     fps: float
     valid: np.ndarray = None
     angles: dict = field(default_factory=dict)
+    others: dict = field(default_factory=dict)
+    gaps: dict = field(default_factory=dict)
+    report: object = None
 
     def __post_init__(self):
         names = tuple(self.names)
-        weights = np.asarray(self.weights, dtype=float)
+        weights = np.asarray(self.weights)
+        if weights.dtype.kind not in "fiu":
+            raise TypeError(
+                f"weights is an array of {weights.dtype}, but weights are numbers; give floats."
+            )
+        weights = weights.astype(float, copy=False)
         if weights.ndim != 2 or weights.shape[1] != len(names):
             raise ValueError(
                 f"weights has shape {weights.shape}, but {len(names)} names ask for "
@@ -180,34 +198,208 @@ class WeightSequence(_Sequence):
             raise ValueError(f"names holds {', '.join(twice)} more than once; each needs its own.")
         valid = _valid_mask(self.valid, len(weights))
         as_finite(weights[valid], "weights", ("n_frames", len(names)), "valid frames")
-        angles = {name: np.asarray(angle, dtype=float) for name, angle in self.angles.items()}
+        angles, others = (
+            {name: np.asarray(values, dtype=float) for name, values in beside.items()}
+            for beside in (self.angles, self.others)
+        )
+        for what, beside in (("angles", angles), ("others", others)):
+            for name, values in beside.items():
+                if values.shape != valid.shape:
+                    raise ValueError(
+                        f"{what}[{name!r}] has shape {values.shape}, but there are {len(valid)} "
+                        "frames."
+                    )
         for name, angle in angles.items():
-            if angle.shape != valid.shape:
-                raise ValueError(
-                    f"angles[{name!r}] has shape {angle.shape}, but there are {len(valid)} frames."
-                )
             as_finite(angle[valid], f"angles[{name!r}]", (int(valid.sum()),), "valid frames")
+        gaps = dict(sorted(self.gaps.items()))
+        for frame, seconds in gaps.items():
+            check_index(frame, "frame of a gap", len(valid), "frames")
+            check_number(seconds, f"gaps[{frame}]", above=0)
+        if 0 in gaps:
+            raise ValueError("gaps names frame 0, but nothing comes before it: leave it out.")
         object.__setattr__(self, "angles", angles)
+        object.__setattr__(self, "others", others)
+        object.__setattr__(self, "gaps", gaps)
         object.__setattr__(self, "weights", weights)
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "valid", valid)
         object.__setattr__(self, "fps", check_number(self.fps, "fps", above=0))
 
     def __repr__(self):
+        gaps = f", {len(self.gaps)} gap{'s' * (len(self.gaps) > 1)} in time" if self.gaps else ""
         return (
             f"WeightSequence({self.n_frames} frames of {len(self.names)} weights, "
-            f"{self.fps:g} frames/s, {int((~self.valid).sum())} lost)"
+            f"{self.fps:g} frames/s, {int((~self.valid).sum())} lost{gaps})"
         )
 
     def __getitem__(self, frames):
         if isinstance(frames, (int, np.integer)):
             raise TypeError("give a slice or an array of frames; weights[i] is a single frame.")
+        missing = np.cumsum(self._missing())[frames]
+        missing = np.diff(missing, prepend=missing[:1])
         return replace(
             self,
             weights=self.weights[frames],
             valid=self.valid[frames],
             angles={k: a[frames] for k, a in self.angles.items()},
+            others={k: a[frames] for k, a in self.others.items()},
+            gaps={int(i): float(missing[i]) for i in np.flatnonzero(missing > 1e-9)},
         )
+
+    def _missing(self):
+        """Seconds missing before each frame, shape (n_frames,)."""
+        missing = np.zeros(self.n_frames)
+        missing[list(self.gaps)] = list(self.gaps.values())
+        return missing
+
+    @property
+    def times(self):
+        """Seconds of each frame after the first, gaps included: ndarray of shape (n_frames,)."""
+        return np.arange(self.n_frames) / self.fps + np.cumsum(self._missing())
+
+    def stretches(self):
+        """Slices of frames that follow one another, none of them lost and no gap between them.
+
+        Examples
+        --------
+        >>> take = WeightSequence([[0.1], [0.2], [0.3], [0.4]], ["jawOpen"], 30, gaps={3: 5.0})
+        >>> take.stretches()
+        [slice(0, 3, None), slice(3, 4, None)]
+        """
+        joined = self.valid[1:] & self.valid[:-1]
+        joined[[frame - 1 for frame in self.gaps]] = False
+        edges = [0, *(np.flatnonzero(~joined) + 1).tolist(), self.n_frames]
+        return [slice(a, b) for a, b in pairwise(edges) if a < b and self.valid[a]]
+
+    def renamed(self, mapping):
+        """The same weights under other names.
+
+        Parameters
+        ----------
+        mapping : dict of str to str, or callable
+            New names by old ones; names that it does not hold stay. A function is asked for each.
+
+        Returns
+        -------
+        WeightSequence
+
+        Raises
+        ------
+        ValueError
+            For names that the sequence does not have, or two shapes that would share one.
+
+        Examples
+        --------
+        >>> take = WeightSequence([[0.2, 0.4]], ["jawOpen", "AU12L"], 30)
+        >>> take.renamed({"AU12L": "mouthSmileLeft"}).names
+        ('jawOpen', 'mouthSmileLeft')
+        """
+        if callable(mapping):
+            mapping = {name: mapping(name) for name in self.names}
+        unknown = sorted(set(mapping) - set(self.names))
+        if unknown:
+            raise ValueError(
+                f"mapping names {', '.join(unknown)}, which the sequence does not have; it has "
+                f"{', '.join(self.names)}."
+            )
+        return replace(self, names=tuple(mapping.get(name, name) for name in self.names))
+
+    def calibrated(self, neutral, clip=True):
+        """The take with a resting face taken off, so that rest is 0.
+
+        Nobody's face rests at 0 for a tracker. The resting weights are subtracted, so full weights
+        come down by as much.
+
+        Parameters
+        ----------
+        neutral : int, slice, dict of str to float, or array_like of shape (n_names,)
+            Where the face rests: a frame; frames, of which the median counts; or the weights
+            themselves, those not named in a dict being 0.
+        clip : bool, default=True
+            Raise what falls below 0 to 0. Leave it out for shapes that go both ways.
+
+        Returns
+        -------
+        WeightSequence
+
+        Raises
+        ------
+        ValueError, TypeError
+            For a frame that is lost or not there, names that the sequence does not have, or an
+            array of another length.
+
+        Examples
+        --------
+        >>> take = WeightSequence([[0.1, 0.3], [0.6, 0.2]], ["jawOpen", "mouthClose"], 30)
+        >>> take.calibrated(neutral=0).weights.tolist()
+        [[0.0, 0.0], [0.5, 0.0]]
+        """
+        weights = self.weights - self._rest(neutral)
+        return replace(self, weights=np.maximum(weights, 0) if clip else weights)
+
+    def _rest(self, neutral):
+        if isinstance(neutral, dict):
+            unknown = sorted(set(neutral) - set(self.names))
+            if unknown:
+                raise ValueError(
+                    f"neutral names {', '.join(unknown)}, which the sequence does not have; it has "
+                    f"{', '.join(self.names)}."
+                )
+            rest = [check_number(neutral.get(n, 0.0), f"neutral[{n!r}]") for n in self.names]
+            return np.array(rest)
+        if isinstance(neutral, (int, np.integer)) and not isinstance(neutral, bool):
+            frame = check_index(neutral, "neutral", self.n_frames, "frames")
+            neutral = slice(frame, frame + 1)
+        if isinstance(neutral, slice):
+            rest = self.weights[neutral][self.valid[neutral]]
+            if not len(rest):
+                raise ValueError(
+                    f"neutral={neutral}: no frame there, or all of them are lost; choose frames in "
+                    "which the face was seen at rest."
+                )
+            return np.median(rest, axis=0)
+        return as_finite(neutral, "neutral", (len(self.names),))
+
+    def smoothed(self, cutoff=6.0, beta=None):
+        """The take without jitter: weights and angles filtered, lost frames and gaps left alone.
+
+        Each stretch of frames that follow one another is filtered by itself, nothing across a lost
+        frame or a gap.
+
+        Parameters
+        ----------
+        cutoff : float, default=6.0
+            Hertz. What is slower stays, what is faster goes; lower is smoother.
+        beta : float, optional
+            Left out: a zero-phase low-pass, which looks ahead and is never late. Given: the
+            One-Euro filter, as a live stream needs it, which only looks back; `cutoff` is then that
+            of a face at rest (1 Hz is usual) and rises by `beta` hertz for each unit of weight a
+            second.
+
+        Returns
+        -------
+        WeightSequence
+
+        Raises
+        ------
+        ValueError
+            For a cut-off that the rate of the take cannot hold.
+
+        References
+        ----------
+        Casiez, Roussel and Vogel 2012, "1 Euro Filter", CHI (`beta`); see
+        `facelab.numeric.filters` for both.
+        """
+        cutoff = check_number(cutoff, "cutoff", above=0)
+        beta = beta if beta is None else check_number(beta, "beta", low=0)
+        keep = zero_phase if beta is None else partial(one_euro, beta=beta)
+        tracks = [*self.angles.values(), *self.weights.T]
+        tracks = np.column_stack(tracks) if tracks else np.empty((self.n_frames, 0))
+        for part in self.stretches():
+            tracks[part] = keep(tracks[part], self.fps, cutoff)
+        n = len(self.angles)
+        angles = dict(zip(self.angles, tracks[:, :n].T, strict=True))
+        return replace(self, weights=tracks[:, n:], angles=angles)
 
 
 @dataclass(frozen=True, eq=False)

@@ -194,6 +194,136 @@ def test_angles_need_one_value_for_each_frame():
         weights(6, angles={"HeadYaw": np.zeros(5)})
 
 
+# --- gaps, names, rest and jitter -----------------------------------------------------------------
+
+
+def test_a_gap_stays_in_its_place_when_a_take_is_cut():
+    take = weights(10, 50, gaps={4: 2.0, 8: 3.0})
+    np.testing.assert_allclose(take.times, np.arange(10) / 50 + np.repeat([0, 2, 5], [4, 4, 2]))
+    assert take[2:].gaps == {2: 2.0, 6: 3.0}
+    assert take[4:8].gaps == {}  # nothing is missing before its first frame
+    assert take[[0, 9]].gaps == {1: 5.0}
+    assert take[np.arange(10) != 4].gaps == {4: 2.0, 7: 3.0}
+    assert take[::-1].gaps == take[:0].gaps == {}
+    assert take.resampled(25).gaps == {2: 2.0, 4: 3.0}
+    assert repr(take).endswith("0 lost, 2 gaps in time)")
+
+
+@pytest.mark.parametrize(
+    "gaps, words",
+    [
+        ({0: 1.0}, "gaps names frame 0, but nothing comes before it"),
+        ({6: 1.0}, "frame of a gap=6, but there are 6 frames"),
+        ({2: 0.0}, r"gaps\[2\]=0.0, but it must be more than 0"),
+        ({2: np.nan}, r"gaps\[2\]=nan"),
+    ],
+)
+def test_gaps_that_cannot_be_are_refused(gaps, words):
+    with pytest.raises(ValueError, match=words):
+        weights(6, gaps=gaps)
+
+
+def test_stretches_end_at_lost_frames_and_gaps():
+    valid = ~np.isin(np.arange(12), (0, 4, 5, 11))
+    take = weights(12, valid=valid, gaps={5: 3.0, 8: 3.0})
+    assert take.stretches() == [slice(1, 4), slice(6, 8), slice(8, 11)]
+    assert weights(3).stretches() == [slice(0, 3)]
+    assert weights(0).stretches() == weights(2, valid=np.zeros(2, dtype=bool)).stretches() == []
+
+
+def test_what_was_recorded_beside_stays_with_its_frames():
+    take = weights(6, others={"mood": [1, 2, np.nan, 4, 5, 6]}, report="said")
+    np.testing.assert_array_equal(take[1:4].others["mood"], [2, np.nan, 4])
+    assert take[1:4].report == "said"
+    with pytest.raises(ValueError, match=r"others.'mood'. has shape \(2,\), but there are 6"):
+        weights(6, others={"mood": [1, 2]})
+
+
+@pytest.mark.parametrize("bad", [[["0.25", "0.5"]], [[True, False]], [[None, 1.0]]])
+def test_only_numbers_are_weights(bad):
+    with pytest.raises(TypeError, match=r"weights is an array of .* give floats"):
+        WeightSequence(bad, ("a", "b"), 30)
+
+
+def test_a_take_is_renamed_by_table_or_rule():
+    take = weights()
+    assert take.renamed({"jawOpen": "AU26"}).names == ("AU26", "mouthClose")
+    swapped = take.renamed({"jawOpen": "mouthClose", "mouthClose": "jawOpen"})
+    assert swapped.names == ("mouthClose", "jawOpen")
+    assert take.renamed(str.upper).names == ("JAWOPEN", "MOUTHCLOSE")
+    np.testing.assert_array_equal(swapped.weights, take.weights)
+    with pytest.raises(ValueError, match="mapping names JawOpen, which the sequence does not have"):
+        take.renamed({"JawOpen": "jaw"})
+    with pytest.raises(ValueError, match="names holds mouthClose more than once"):
+        take.renamed({"jawOpen": "mouthClose"})
+
+
+def test_a_resting_face_taken_off_rests_at_zero():
+    W = np.array([[0.1, 0.2], [0.1, 0.4], [0.3, 0.3], [0.9, 0.05]])
+    take = WeightSequence(W, ("a", "b"), 30)
+    for neutral, rest in (
+        (1, [0.1, 0.4]),
+        (slice(0, 3), [0.1, 0.3]),  # the median
+        ({"b": 0.3}, [0, 0.3]),
+        ([0.1, 0.05], [0.1, 0.05]),
+    ):
+        np.testing.assert_allclose(
+            take.calibrated(neutral).weights, np.maximum(W - rest, 0), atol=1e-15
+        )
+        np.testing.assert_allclose(take.calibrated(neutral, clip=False).weights, W - rest)
+    assert not take.calibrated(2).weights[2].any()
+
+
+def test_lost_frames_are_no_rest_and_stay_lost():
+    W = np.array([[0.1, 0.2], [np.nan, np.nan], [0.3, 0.3]])
+    take = WeightSequence(W, ("a", "b"), 30, [True, False, True])
+    np.testing.assert_allclose(take.calibrated(slice(None)).weights[2], [0.1, 0.05])
+    np.testing.assert_array_equal(take.calibrated(0).valid, take.valid)
+    for neutral in (1, slice(1, 2), slice(5, 9)):
+        with pytest.raises(ValueError, match="no frame there, or all of them are lost"):
+            take.calibrated(neutral)
+    for neutral, words in (
+        (3, "neutral=3, but there are 3 frames"),
+        ({"c": 1.0}, "neutral names c, which the sequence does not have"),
+        ([0.1], r"neutral has shape \(1,\), but needs shape \(2,\)"),
+        ([0.1, np.nan], "neutral holds 1 value"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            take.calibrated(neutral)
+
+
+@pytest.mark.parametrize("beta", [None, 2.0], ids=["zero-phase", "One-Euro"])
+def test_each_stretch_is_smoothed_by_itself_and_nothing_across(beta, rng):
+    W, yaw = rng.uniform(size=(60, 2)), rng.normal(size=60)
+    valid = ~np.isin(np.arange(60), (20, 21, 40))
+    W[~valid], yaw[~valid] = np.nan, np.nan
+    take = WeightSequence(W, ("a", "b"), 60, valid, {"HeadYaw": yaw}, gaps={50: 9.0})
+    smooth = take.smoothed(4, beta)
+    np.testing.assert_array_equal(smooth.valid, valid)
+    assert np.isnan(smooth.weights[~valid]).all() and smooth.gaps == take.gaps
+    for part in (slice(0, 20), slice(22, 40), slice(41, 50), slice(50, 60)):
+        alone = take[part].smoothed(4, beta)
+        np.testing.assert_array_equal(smooth.weights[part], alone.weights)
+        np.testing.assert_array_equal(smooth.angles["HeadYaw"][part], alone.angles["HeadYaw"])
+        assert np.abs(np.diff(alone.weights, axis=0)).mean() < 0.2  # of 0.33 between random numbers
+
+
+def test_smoothing_takes_jitter_away_and_leaves_the_motion(rng):
+    t = np.arange(600) / 60
+    truth = 0.5 + 0.3 * np.sin(2 * np.pi * t)
+    noisy = truth + rng.normal(scale=0.02, size=600)
+    take = WeightSequence(np.column_stack([noisy, noisy]), ("a", "b"), 60)
+    error = np.abs(take.smoothed(4).weights[:, 0] - truth)[30:-30].mean()
+    assert error < 0.5 * np.abs(noisy - truth).mean()
+
+
+def test_smoothing_refuses_what_the_rate_cannot_hold():
+    with pytest.raises(ValueError, match="cutoff=30 hertz, but 60 frames a second hold"):
+        weights(9, 60).smoothed(30)
+    with pytest.raises(ValueError, match=r"beta=-1, but it must be 0 or more"):
+        weights(9, 60).smoothed(1, beta=-1)
+
+
 # --- markers --------------------------------------------------------------------------------------
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from facelab.checks import check_choice
 from facelab.data.cache import cache_dir, download
-from facelab.files.live_link import read_live_link_csv
+from facelab.files.takes import read_live_link_csv
 
 TAKES_URL = (
     "https://raw.githubusercontent.com/alexdjulin/LiveLinkFace-CSV-Retarget-For-Motionbuilder/"

@@ -2,13 +2,18 @@
 
 from facelab.files.c3d import read_c3d, write_c3d
 from facelab.files.gltf import write_clip_glb, write_glb
-from facelab.files.live_link import read_live_link_csv
 from facelab.files.meshes import read_mesh, read_parts
 from facelab.files.obj import read_obj, write_obj
 from facelab.files.ply import write_ply
 from facelab.files.poses import load_clip, load_pose, read_log, save_clip, save_pose
 from facelab.files.rigs import read_rig, write_rig
-from facelab.files.takes import read_weights_csv, to_arkit, write_live_link_csv, write_weights_csv
+from facelab.files.takes import (
+    read_live_link_csv,
+    read_weights,
+    to_arkit,
+    write_live_link_csv,
+    write_weights_csv,
+)
 
 __all__ = [
     "load_clip",
@@ -20,7 +25,7 @@ __all__ = [
     "read_obj",
     "read_parts",
     "read_rig",
-    "read_weights_csv",
+    "read_weights",
     "save_clip",
     "save_pose",
     "to_arkit",

@@ -7,10 +7,9 @@ from shapes import sphere_mesh
 from facelab.expression.regression import prepare_units, regress_expression
 from facelab.expression.session import ALPHAS, BOUNDS, ExpressionSession
 from facelab.expression.transfer import IntermediateSpace
-from facelab.files.live_link import read_live_link_csv
 from facelab.files.obj import read_obj, write_obj
 from facelab.files.poses import load_pose
-from facelab.files.takes import read_weights_csv
+from facelab.files.takes import read_live_link_csv, read_weights
 from facelab.motion import MotionSequence
 from facelab.posing.sculpt import Sculpt
 from facelab.posing.session import PosingSession
@@ -277,7 +276,7 @@ def test_the_result_is_saved_as_the_end_of_the_name_says(basis, truth, tmp_path)
     session = ExpressionSession(rig, rig.shape([0.5, 0, 0.3, 0, 0.25, 0, 0, 0]))
     session.set(alpha=1.05)
     assert session.save(tmp_path / "w.csv") == ""
-    table = read_weights_csv(tmp_path / "w.csv")
+    table = read_weights(tmp_path / "w.csv")
     np.testing.assert_array_equal(table.weights[0], session.weights)
     assert "AU35" in session.save(tmp_path / "w.livelink.csv")
     live = read_live_link_csv(tmp_path / "w.livelink.csv")

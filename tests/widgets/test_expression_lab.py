@@ -9,7 +9,7 @@ from planted import bumps, quarters
 
 from facelab.expression.session import ALPHAS, ExpressionSession
 from facelab.files.obj import write_obj
-from facelab.files.takes import read_weights_csv
+from facelab.files.takes import read_weights
 from facelab.models.region import RegionModel
 from facelab.motion import MotionSequence
 from facelab.posing.session import PosingSession
@@ -361,7 +361,7 @@ def test_a_lab_shows_what_it_does_itself_once(lab, monkeypatch):
 def test_results_are_saved_where_the_folder_is_and_what_is_lost_is_said(lab, tmp_path):
     lab.save.click()
     assert "expression.csv" in lab._message.value
-    table = read_weights_csv(tmp_path / "expression.csv")
+    table = read_weights(tmp_path / "expression.csv")
     np.testing.assert_array_equal(table.weights[0], lab.session.weights)
     lab.file.value = "arkit.livelink.csv"
     lab.save.click()

@@ -1,0 +1,317 @@
+"""Weights in JSON and npz: names beside a matrix, frames one by one, or a column for each name."""
+
+import json
+import zipfile
+
+import numpy as np
+
+from facelab.files.takes.columns import weight_columns
+from facelab.files.takes.recording import Recording
+from facelab.names import normalised
+from facelab.storage import existing_file
+
+_MOST = 1 << 26  # numbers in one file: half a gigabyte
+_NAMES = ("names", "facsnames", "blendshapenames", "blendshapes", "shapes", "channels", "columns")
+_WEIGHTS = ("weights", "weightmat", "values", "blendshapes", "blendshapeweights", "coefficients")
+_ROWS = (*_WEIGHTS, "frames", "data")
+_FPS = ("fps", "exportfps", "framerate")
+_COUNTS = {"numframes": 0, "framecount": 0, "nframes": 0, "numposes": 1, "numblendshapes": 1}
+
+
+def _recording(path, header, matrix, names, fps=None, codes=None, left_out=(), what="frame"):
+    """A recording of a matrix with a name for each column, time among them."""
+    columns = weight_columns(header, f"{path}", names)
+    numbers = list(columns.numbers)
+    rows = list(range(len(matrix)))
+    found = Recording(
+        path=path,
+        names=list(columns.numbers.values()),
+        values=matrix[:, numbers],
+        rows=rows,
+        what=what,
+        codes=codes,
+        fps=fps,
+        others={name: matrix[:, k] for k, name in columns.others.items()},
+    )
+    if codes is None and columns.time is not None:
+        seconds = matrix[:, columns.time] / (1000 if columns.milliseconds else 1)
+        found.codes = [f"{s:.9f}".rstrip("0") for s in seconds.tolist()]
+    if columns.frame is not None:
+        frames = matrix[:, columns.frame]
+        if (frames % 1 != 0).any():
+            row = int(np.flatnonzero(frames % 1 != 0)[0])
+            raise ValueError(f"{path}, {what} {row}: frame number {frames[row]} is none.")
+        found.frames = frames.astype(int).tolist()
+    if left_out:
+        found.warned.append(f"no numbers for each frame, left out: {', '.join(left_out)}")
+    return found
+
+
+# --- JSON -----------------------------------------------------------------------------------------
+
+
+def read_json_recording(path, names=None):
+    """The rows of a JSON file of weights; see `read_weights` for its forms."""
+    path = existing_file(path, "JSON file of weights")
+    if path.stat().st_size > 3 * _MOST:
+        raise ValueError(
+            f"{path}: {path.stat().st_size >> 20} MB of JSON, and at most {3 * _MOST >> 20} are "
+            "read; write an npz or CSV file."
+        )
+    content = _parsed(path)
+    if isinstance(content, list):
+        return _of_frames(path, content, names, None, None)
+    if not isinstance(content, dict):
+        raise ValueError(
+            f"{path}: neither names nor frames on top; see read_weights for its forms."
+        )
+    inner = [v for v in content.values() if isinstance(v, dict)]
+    keys = {normalised(k): v for part in (*inner, content) for k, v in part.items()}
+    fps = next((keys[k] for k in _FPS if k in keys), None)
+    if fps is not None:
+        fps = _number(fps, f"{path}: frames a second")
+        if fps <= 0:
+            raise ValueError(f"{path}: {fps:g} frames a second; it must be more than 0.")
+    shapes = next((keys[k] for k in _NAMES if _is_list_of(keys.get(k), str)), None)
+    rows = next(
+        (keys[k] for k in _ROWS if _is_list_of(keys.get(k), (list, dict, type(None)))), None
+    )
+    if rows is not None:
+        found = _of_frames(path, rows, names, shapes, fps)
+    else:
+        found = _of_columns(path, content, names, fps)
+    for key, axis in _COUNTS.items():
+        size = (len(found.rows), len(found.names) + len(found.others))[axis]
+        if key in keys and keys[key] != size:
+            raise ValueError(
+                f"{path}: it says {key}={keys[key]!r}, but holds {size}; it was cut or edited."
+            )
+    return found
+
+
+def _parsed(path):
+    def unique(pairs):
+        keys = [k for k, _ in pairs]
+        twice = sorted({k for k in keys if keys.count(k) > 1}) if len({*keys}) < len(keys) else []
+        if twice:
+            raise _OursError(f"{path}: {', '.join(twice)} stand more than once in one table.")
+        return dict(pairs)
+
+    def constant(word):
+        raise _OursError(f"{path}: {word} is no number; write null where a face was lost.")
+
+    def whole(digits):
+        return int(digits) if len(digits) < 16 else float(digits)
+
+    try:
+        return json.loads(
+            path.read_bytes(),
+            object_pairs_hook=unique,
+            parse_constant=constant,
+            parse_int=whole,
+        )
+    except _OursError as error:
+        raise ValueError(str(error)) from None
+    except json.JSONDecodeError as error:
+        raise ValueError(
+            f"{path}, line {error.lineno}, column {error.colno}: no JSON from here on; the file is "
+            "cut or damaged."
+        ) from None
+    except (UnicodeDecodeError, RecursionError):
+        raise ValueError(f"{path}: no JSON text; the file is damaged or of another kind.") from None
+
+
+class _OursError(Exception):
+    """Refusals from within the parser."""
+
+
+def _is_list_of(value, kinds):
+    return isinstance(value, list) and bool(value) and all(isinstance(v, kinds) for v in value)
+
+
+def _number(value, place):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+        raise ValueError(f"{place}: {str(value)[:40]!r} ({type(value).__name__}) is no number.")
+    return float(value)
+
+
+def _of_frames(path, rows, names, shapes, fps):
+    """Frames one by one: lists beside `shapes`, or tables of names, bare or under a word."""
+    header, matrix, codes, left_out = shapes and list(shapes), [], [], set()
+    for i, row in enumerate(rows):
+        place = f"{path}, frame {i}"
+        beside = {}
+        if isinstance(row, dict):
+            word = next(
+                (k for k in row if normalised(k) in _WEIGHTS and not _is_scalar(row[k])), None
+            )
+            if word is not None:
+                beside = {k: v for k, v in row.items() if k != word}
+                row = row[word]
+        if isinstance(row, dict):
+            left_out |= {k for k, v in row.items() if not _is_scalar(v)}
+            row = {k: v for k, v in row.items() if _is_scalar(v)}
+            header = header or list(row)
+            if row and {*row} != {*header}:
+                odd = sorted({*row} ^ {*header})
+                raise ValueError(f"{place} has not the names of the first: {', '.join(odd[:6])}.")
+            row = [row[name] for name in header] if row else []
+        if not isinstance(row, list) and row is not None:
+            raise ValueError(f"{place} is a {type(row).__name__}, but must hold weights.")
+        if header is None:
+            raise ValueError(f"{path}: weights without names; a list of names must stand beside.")
+        if row and len(row) != len(header):
+            raise ValueError(f"{place} has {len(row)} weights for {len(header)} names.")
+        row = row or [None] * len(header)
+        time = [k for k in beside if normalised(k) in ("time", "timecode", "timestamp")]
+        codes += [str(beside[time[0]])] if time else []
+        left_out |= {*beside} - {*time[:1]}
+        matrix.append(
+            [
+                np.nan if v is None else _number(v, f"{place}, {name}")
+                for v, name in zip(row, header, strict=True)
+            ]
+        )
+    if codes and len(codes) < len(rows):
+        raise ValueError(f"{path}: only {len(codes)} of {len(rows)} frames have a time.")
+    if not header:
+        raise ValueError(f"{path}: no frames with weights in it.")
+    matrix = np.array(matrix).reshape(len(rows), len(header))
+    return _recording(path, header, matrix, names, fps, codes or None, sorted(left_out))
+
+
+def _is_scalar(value):
+    return not isinstance(value, (list, dict))
+
+
+def _of_columns(path, content, names, fps):
+    """A list of numbers for each name."""
+    lists = {k: v for k, v in content.items() if isinstance(v, list)}
+    if not lists:
+        raise ValueError(
+            f"{path}: no weights found in it; see read_weights for the forms it knows."
+        )
+    if len({len(v) for v in lists.values()}) > 1:
+        sizes = ", ".join(f"{k} {len(v)}" for k, v in list(lists.items())[:6])
+        raise ValueError(f"{path}: lists of different length: {sizes}; each needs all frames.")
+    matrix = np.array(
+        [
+            [
+                np.nan if v is None else _number(v, f"{path}, {k}, frame {i}")
+                for i, v in enumerate(c)
+            ]
+            for k, c in lists.items()
+        ]
+    )
+    left_out = [k for k in content if k not in lists and normalised(k) not in (*_FPS, *_COUNTS)]
+    return _recording(path, list(lists), matrix.T, names, fps, None, left_out)
+
+
+# --- npz ------------------------------------------------------------------------------------------
+
+
+def read_npz_recording(path, names=None):
+    """The rows of an npz file of weights; see `read_weights` for its forms."""
+    path = existing_file(path, "npz file of weights")
+    with _Npz(path) as stored:
+        fps = None
+        if "fps" in stored.shapes:
+            fps = stored.array("fps", "fiu")
+            if fps.size != 1 or not fps.ravel()[0] > 0:
+                raise ValueError(f"{path}: fps is {fps.tolist()}, but must be one rate above 0.")
+            fps = float(fps.ravel()[0])
+        if "weights" in stored.shapes:
+            return _of_matrix(path, stored, names, fps)
+        tracks = {k: s for k, s in stored.shapes.items() if len(s) == 1 and k != "fps"}
+        if not tracks or len({*tracks.values()}) > 1:
+            raise ValueError(
+                f"{path}: neither names and weights, nor a track of one length for each name; it "
+                f"holds {', '.join(f'{k} {s}' for k, s in stored.shapes.items())}."
+            )
+        matrix = np.column_stack([stored.array(k, "fiu").astype(float) for k in tracks])
+        left_out = [k for k in stored.shapes if k not in tracks and k != "fps"]
+        return _recording(path, list(tracks), matrix, names, fps, None, left_out)
+
+
+def _of_matrix(path, stored, names, fps):
+    weights = stored.array("weights", "fiu").astype(float)
+    if "names" not in stored.shapes:
+        raise ValueError(f"{path}: weights without names; add an array of strings, names.")
+    header = [str(n) for n in stored.array("names", "U").ravel()]
+    if weights.ndim != 2 or weights.shape[1] != len(header):
+        raise ValueError(
+            f"{path}: weights has shape {weights.shape}, but {len(header)} names ask for "
+            f"(n_frames, {len(header)})."
+        )
+    beside = {"valid": "b", "times": "fiu"}
+    found = {}
+    for name, kinds in beside.items():
+        if name in stored.shapes:
+            found[name] = stored.array(name, kinds)
+            if found[name].shape != (len(weights),):
+                raise ValueError(
+                    f"{path}: {name} has shape {found[name].shape} for {len(weights)} frames."
+                )
+    if "valid" in found:
+        weights[~found["valid"]] = np.nan
+    codes = [f"{t:.9f}".rstrip("0") for t in found["times"].tolist()] if "times" in found else None
+    left_out = [k for k in stored.shapes if k not in ("weights", "names", "fps", *beside)]
+    return _recording(path, header, weights, names, fps, codes, left_out)
+
+
+class _Npz:
+    """Arrays of an npz file, looked at before they are read: their size is checked first."""
+
+    def __init__(self, path):
+        self.path = path
+        self.shapes, self._info = {}, {}
+
+    def __enter__(self):
+        try:
+            self._archive = zipfile.ZipFile(self.path)
+            for info in self._archive.infolist():
+                name = info.filename.removesuffix(".npy")
+                if name in self.shapes:
+                    raise ValueError(f"{self.path}: {name} is in it more than once.")
+                with self._archive.open(info) as source:
+                    shape, fortran, dtype = _npy_header(source)
+                    if info.file_size - source.tell() != int(np.prod(shape)) * dtype.itemsize:
+                        raise ValueError("size")
+                self.shapes[name], self._info[name] = shape, (info, fortran, dtype)
+        except Exception:  # zip, deflate and header each fail in their own way
+            self.__exit__()
+            raise ValueError(f"{self.path}: no npz file, or a damaged one.") from None
+        return self
+
+    def __exit__(self, *_):
+        if hasattr(self, "_archive"):
+            self._archive.close()
+
+    def array(self, name, kinds):
+        """One array, of one of the kinds of numpy's `dtype.kind`."""
+        info, fortran, dtype = self._info[name]
+        shape = self.shapes[name]
+        if dtype.kind not in kinds or dtype.hasobject:
+            raise ValueError(
+                f"{self.path}: {name} is an array of {dtype}, which is not wanted here."
+            )
+        if int(np.prod(shape)) * dtype.itemsize > 8 * _MOST:
+            raise ValueError(f"{self.path}: {name} has shape {shape}, too much for one take.")
+        try:
+            with self._archive.open(info) as source:
+                _npy_header(source)
+                data = source.read(int(np.prod(shape)) * dtype.itemsize)
+                source.read(1)  # the end, where its checksum is looked at
+        except Exception:
+            raise ValueError(f"{self.path}: {name} is damaged; write the file again.") from None
+        array = np.frombuffer(data, dtype)
+        return array.reshape(shape[::-1]).T if fortran else array.reshape(shape)
+
+
+def _npy_header(source):
+    version = np.lib.format.read_magic(source)
+    read = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    return read[version](source)

@@ -1,0 +1,157 @@
+"""What the columns of a table are, found by their names alone."""
+
+from dataclasses import dataclass, field
+
+from facelab.names import ARKIT, canonical, normalised
+
+_TIME = ("timecode", "time", "times", "timestamp", "timestamps", "seconds", "sec", "secs", "t")
+_MILLISECONDS = ("ms", "milliseconds", "timems", "timestampms", "timestampsms")
+_FRAME = ("frame", "frames", "frameid", "framenumber", "frameindex", "frameno", "index", "idx")
+_COUNT = "blendshapecount"
+
+
+@dataclass
+class Columns:
+    """Columns by their place: what each is; None or empty where there is none.
+
+    Parameters
+    ----------
+    time, count, frame, fps : int, optional
+        Time of each row, number of weights in it, its frame number, frames a second.
+    milliseconds : bool
+        What `time` counts, if it is a number; else seconds.
+    numbers : dict of int to str
+        Weights and angles, under the names they will have.
+    others : dict of int to str
+        What is kept apart.
+    """
+
+    time: int = None
+    count: int = None
+    frame: int = None
+    fps: int = None
+    milliseconds: bool = False
+    numbers: dict = field(default_factory=dict)
+    others: dict = field(default_factory=dict)
+
+
+def live_link_columns(header, place, timed=True):
+    """Columns of a Live Link Face recording: ARKit's weights, nine angles, and what is neither.
+
+    Parameters
+    ----------
+    header : list of str
+    place : str
+        For messages.
+    timed : bool
+        Whether a time code is needed.
+
+    Raises
+    ------
+    ValueError
+        For columns without a name or with the same, no time code, or no weight of ARKit.
+    """
+    columns = Columns()
+    for k, name in enumerate(header):
+        key, known = normalised(name), canonical(name)
+        if not name:
+            raise ValueError(f"{place}: column {k + 1} has no name; name it, or remove it.")
+        if key == "timecode" and columns.time is None:
+            columns.time = k
+        elif key == _COUNT and columns.count is None:
+            columns.count = k
+        elif known:
+            columns.numbers[k] = known
+        else:
+            columns.others[k] = name
+    if (columns.time is None and timed) or not {*columns.numbers.values()} & {*ARKIT}:
+        what = "Timecode" if columns.numbers else "a weight of ARKit (JawOpen, EyeBlinkLeft, ...)"
+        raise ValueError(
+            f"{place}: no column {what}; a Live Link Face CSV starts with Timecode, "
+            "BlendshapeCount and 52 such names. Other tables of weights: read_weights."
+        )
+    _refuse_doubles([columns.numbers.get(k, name) for k, name in enumerate(header)], header, place)
+    return columns
+
+
+def is_live_link(header):
+    """True for the header of such a recording."""
+    keys = [normalised(name) for name in header]
+    return "timecode" in keys and _COUNT in keys
+
+
+def weight_columns(header, place, names=None):
+    """Columns of any table of weights.
+
+    All that do not tell the time are weights under the names they have. Where half of them or more
+    are ARKit's, and half of ARKit's are there, they get its spelling and the others are kept apart.
+
+    Parameters
+    ----------
+    header : list of str
+    place : str
+        For messages.
+    names : sequence of str, optional
+        The columns that are weights.
+
+    Raises
+    ------
+    ValueError
+        For columns without a name or with the same, or names that are not there.
+    """
+    header = list(header)
+    columns, rest = _timed(header), []
+    told = (columns.time, columns.count, columns.frame, columns.fps)
+    for k, name in enumerate(header):
+        if not name and k != columns.frame:
+            raise ValueError(f"{place}: column {k + 1} has no name; name it, or remove it.")
+        if k not in told:
+            rest.append(k)
+    if names is not None:
+        missing = [n for n in names if n not in header]
+        if missing:
+            raise ValueError(
+                f"{place}: no column {', '.join(missing)}; there are {', '.join(header)}."
+            )
+        columns.numbers = {header.index(n): n for n in names}
+    elif _is_arkit([header[k] for k in rest]):
+        columns.numbers = {k: canonical(header[k]) for k in rest if canonical(header[k])}
+    else:
+        columns.numbers = {k: header[k] for k in rest}
+    columns.others = {k: header[k] for k in rest if k not in columns.numbers}
+    _refuse_doubles([columns.numbers.get(k, name) for k, name in enumerate(header)], header, place)
+    return columns
+
+
+def _timed(header):
+    columns = Columns()
+    keys = [normalised(name) for name in header]
+    for k, key in enumerate(keys):
+        if key == "fps" and columns.fps is None:
+            columns.fps = k
+        elif key == _COUNT and columns.count is None:
+            columns.count = k
+        elif columns.frame is None and (key in _FRAME or (k == 0 and not header[0])):
+            columns.frame = k
+    for key in (*_TIME, *_MILLISECONDS):  # the one that tells most
+        if key in keys and columns.time is None:
+            columns.time, columns.milliseconds = keys.index(key), key in _MILLISECONDS
+    return columns
+
+
+def _is_arkit(names):
+    """Spelled as ARKit has them but for case and a namespace in front."""
+    ends = [name.split(".")[-1].split(":")[-1].lower() for name in names]
+    found = {*ends} & {name.lower() for name in ARKIT}
+    return 2 * len(found) >= max(len(ARKIT), len(names))
+
+
+def _refuse_doubles(names, header, place):
+    same = {}
+    for name, written in zip(names, header, strict=True):
+        same.setdefault(name, []).append(written)
+    twice = [" and ".join(written) for written in same.values() if len(written) > 1]
+    if twice:
+        raise ValueError(
+            f"{place}: columns that name the same: {'; '.join(twice)}. Remove one of them."
+        )
