@@ -18,6 +18,20 @@ def _valid_mask(valid, n_frames):
     return valid
 
 
+class Report(tuple):
+    """What a reader of a file left out, renamed, assumed and counted: sentences, one a line.
+
+    Examples
+    --------
+    >>> print(Report(["3 frames without a face", "prefix Anna: taken off the names"]))
+    3 frames without a face
+    prefix Anna: taken off the names
+    """
+
+    def __str__(self):
+        return "\n".join(self)
+
+
 class _Sequence:
     """What all sequences share: frames at a fixed rate, some of them lost."""
 
@@ -223,6 +237,8 @@ class MarkerSequence(_Sequence):
         Name of each marker, each once.
     fps : float
         Frames a second.
+    report : Report, optional
+        What the reader of the file left out, renamed and counted: `print(markers.report)`.
 
     Examples
     --------
@@ -237,6 +253,7 @@ class MarkerSequence(_Sequence):
     positions: np.ndarray
     names: tuple
     fps: float
+    report: tuple = ()
 
     def __post_init__(self):
         names = tuple(self.names)
@@ -264,6 +281,7 @@ class MarkerSequence(_Sequence):
                 )
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "names", names)
+        object.__setattr__(self, "report", Report(self.report))
         object.__setattr__(self, "fps", check_number(self.fps, "fps", above=0))
 
     def __repr__(self):
@@ -315,6 +333,27 @@ class MarkerSequence(_Sequence):
             )
         columns = [self.names.index(name) for name in names]
         return replace(self, positions=self.positions[:, columns], names=names)
+
+    def renamed(self, mapping):
+        """The same markers under other names.
+
+        Parameters
+        ----------
+        mapping : dict of str to str
+            Old name to new; markers that it does not have keep theirs.
+
+        Raises
+        ------
+        ValueError
+            For names that the sequence does not have, and if two markers would be called the same.
+        """
+        unknown = sorted(set(mapping) - set(self.names))
+        if unknown:
+            raise ValueError(
+                f"mapping has {', '.join(unknown)}, which are no markers of this sequence; it has "
+                f"{', '.join(self.names)}."
+            )
+        return replace(self, names=tuple(mapping.get(name, name) for name in self.names))
 
     def with_gaps(self, share, seconds=0.12, random_state=None):
         """The same markers with more of them occluded, in bursts.

@@ -1,261 +1,583 @@
 """C3D, the file format of motion capture: markers in and out.
 
-ezc3d does the parsing, in a child process: damaged files make it read nonsense, or crash. What it
-returns is held against the header, which is parsed here, and against the size of the file.
+The reader is our own: a header, named parameters and rows of numbers are all there is to it, and
+the library that we know (ezc3d) crashes or makes things up where a file is damaged, and stops at
+65,535 frames. What a file says twice is held together, and the size of the file is the judge.
 """
 
-import inspect
+import itertools
+import math
+import os
 import struct
-import subprocess
-import sys
-import tempfile
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from facelab.checks import check_number
+from facelab.checks import check_type
+from facelab.files.marker_rules import (
+    checked,
+    factor_of,
+    judged,
+    listed,
+    marker_sequence,
+    resolve_names,
+    warn,
+)
+from facelab.storage import atomic_path
 from facelab.motion import MarkerSequence
-from facelab.storage import atomic_path, existing_file
 
 _BLOCK = 512
-_MM = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0}
-_FARTHEST = 1e6  # mm; no capture volume is a kilometre wide
-_CHILD_SECONDS = 15  # and one for each megabyte; a sound file takes a twentieth of that
+_KINDS = {84: "Intel", 85: "DEC", 86: "MIPS"}
+_MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
+_MOST_16 = 0xFFFF
+_READ_BYTES = 2**23  # of the data at a time
 
 
-def read_c3d(path, units=None):
-    """The markers of a C3D file, occluded ones as NaN.
+def read_c3d(path, unit=None, fps=None, subject=None):
+    """The markers of a C3D file, hidden ones as NaN.
 
     Parameters
     ----------
     path : str or Path
-    units : {"mm", "cm", "dm", "m"}, optional
+    unit : {"mm", "cm", "dm", "m", "in", "ft"}, optional
         Length unit, for files that state none or a wrong one; else POINT:UNITS of the file.
+    fps : float, optional
+        Frames a second, for files that state none, or two; else POINT:RATE.
+    subject : str, optional
+        Only the markers of this subject, where there are several.
 
     Returns
     -------
     MarkerSequence
-        Millimetres, names as in the file without blanks around them; points without a label are
-        called `unlabelled_1` and so on. A marker is occluded where its residual is negative,
-        where a coordinate is NaN, or where it lies exactly at the origin: makers differ.
+        Millimetres, float32, axes as in the file: C3D has no rule for which is up. A marker is
+        hidden where its residual is negative, where a coordinate is NaN, or where it lies exactly
+        at the origin: makers differ. Angles, forces and the like that a model computed are no
+        markers. Names lose blanks and the prefix of the subject. `report` says what was left out,
+        renamed and counted.
 
     Raises
     ------
     FileNotFoundError, ValueError
-        If the file is missing, damaged, cut short, without markers, or in an unknown unit. The
-        process that calls is safe: a crash or a hang while reading becomes a ValueError.
+        If the file is missing, damaged, cut short, without markers, or in an unknown unit.
 
     References
     ----------
     The C3D file format user guide, www.c3d.org.
     """
-    path = existing_file(path, "C3D file")
-    if units is not None and units not in _MM:
-        raise ValueError(f"units={units!r} is unknown; choose one of {', '.join(_MM)}.")
-    header = _Header(path)
-    with tempfile.TemporaryDirectory(prefix="facelab_c3d_") as folder:
-        out = Path(folder) / "read.npz"
-        _run_child(path, out)
-        with np.load(out, allow_pickle=False) as stored:
-            read = {name: stored[name] for name in stored.files}
-    return _markers(path, header, read, units)
+    return judged(path, _read(path, unit, fps, subject))
 
 
-def read_own_c3d(path):
-    """`read_c3d` without the child process: only for files whose checksum is known to be right."""
-    path = existing_file(path, "C3D file")
-    return _markers(path, _Header(path), _parse(str(path)), None)
+def _read(path, unit=None, fps=None, subject=None):
+    path, fps = checked(path, "C3D file", unit, fps, subject)
+    report = []
+    with open(path, "rb") as file:
+        header = _Header(path, file)
+        values = _parameters(path, file, header)
+        layout = _layout(path, header, values, report)
+        fps = _rate(path, header, values) if fps is None else fps
+        said = next(iter(values.text("POINT:UNITS")), "")
+        factor = factor_of(path, said, unit, "POINT:UNITS")
+        labels = _labels(path, values, layout.n_points, report)
+        names, columns = resolve_names(path, labels, subject, report)
+        positions = _positions(path, file, layout, columns, factor)
+    screen = [values.text(f"POINT:{axis}_SCREEN") for axis in "XY"]
+    said = f"; the file calls {screen[0][0]} right, {screen[1][0]} up" if all(screen) else ""
+    report.append(f"axes as in the file, which C3D leaves open{said}")
+    return marker_sequence(path, positions, names, fps, report)
+
+
+# --- header and parameters ------------------------------------------------------------------------
+
+
+class _Header:
+    """What the first 512 bytes of a C3D file promise."""
+
+    def __init__(self, path, file):
+        self.size = os.fstat(file.fileno()).st_size
+        block = file.read(_BLOCK)
+        if len(block) < _BLOCK or block[1] != 0x50:
+            raise ValueError(f"{path}: not a C3D file (its first block lacks the mark 0x50).")
+        self.parameters = (max(block[0], 1) - 1) * _BLOCK
+        file.seek(self.parameters)
+        start = file.read(4)
+        if len(start) < 4 or self.parameters == 0 or start[3] not in _KINDS:
+            raise ValueError(
+                f"{path}: damaged: the parameters should start at byte {self.parameters}, but no "
+                "kind of processor (Intel, DEC, MIPS) stands there."
+            )
+        self.kind = _KINDS[start[3]]
+        self.parameter_blocks = start[2]
+        self.order = ">" if self.kind == "MIPS" else "<"
+        words = struct.unpack(f"{self.order}12H", block[:24])
+        self.n_points, self.analog, self.first, self.last = words[1:5]
+        self.start, self.samples = words[8:10]
+        self.scale = float(_floats(block[12:16], self)[0])
+        self.rate = float(_floats(block[20:24], self)[0])
+
+
+def _floats(data, header):
+    """The four-byte reals of that processor, as float32."""
+    if header.kind != "DEC":
+        return np.frombuffer(data, f"{header.order}f4")
+    # VAX F: the high word comes first, the exponent is worth two more; a quarter of it is ours
+    words = np.frombuffer(data, "<u2").astype(np.uint32).reshape(-1, 2)
+    bits = (words[:, 0] << 16) | words[:, 1]
+    values = bits.view(np.float32) / np.float32(4)
+    values[bits & 0x7F800000 == 0] = 0
+    return values
+
+
+class _Parameters(dict):
+    """Parameters by "GROUP:NAME": their raw values, decoded when asked for."""
+
+    def __init__(self, path, header):
+        super().__init__()
+        self.path, self.header = path, header
+
+    def raw(self, name):
+        """Type, dimensions and bytes of a parameter, or None; refused if its sizes disagree."""
+        record = self.get(name)
+        if record is None:
+            return None
+        kind = struct.unpack("b", record[:1])[0] if record else 0
+        n_dims = record[1] if len(record) > 1 else 0
+        dims = list(record[2 : 2 + n_dims])
+        end = 2 + n_dims + math.prod(dims) * abs(kind)
+        # a description follows, its length before it
+        whole = len(record) == end or (len(record) > end and len(record) == end + 1 + record[end])
+        if kind not in (-1, 1, 2, 4) or n_dims > 7 or len(dims) < n_dims or not whole:
+            raise ValueError(
+                f"{self.path}: damaged: the parameter {name} does not fill the {len(record)} bytes "
+                "that it takes; export the file again."
+            )
+        return kind, dims, record[2 + n_dims : end]
+
+    def numbers(self, name):
+        """Values of a parameter as a list of float; whole numbers count from 0 to 65535."""
+        found = self.raw(name)
+        if found is None or found[0] == -1:
+            return []
+        kind, _, data = found
+        if kind == 4:
+            return _floats(data, self.header).astype(float).tolist()
+        return np.frombuffer(data, "u1" if kind == 1 else f"{self.header.order}u2").tolist()
+
+    def number(self, name):
+        """First value of a parameter, or None."""
+        return next(iter(self.numbers(name)), None)
+
+    def text(self, name):
+        """Values of a parameter as a list of str, without blanks around them."""
+        found = self.raw(name)
+        if found is None or found[0] != -1:
+            return []
+        _, dims, data = found
+        width = dims[0] if dims else 1
+        if width == 0:
+            return [""] * math.prod(dims[1:])
+        return [_decoded(data[i : i + width]) for i in range(0, len(data), width)]
+
+    def continued(self, name):
+        """Values of a parameter and of those that continue it: LABELS, LABELS2, LABELS3."""
+        more = itertools.takewhile(self.__contains__, (f"{name}{i}" for i in itertools.count(2)))
+        return [value for key in [name, *more] for value in self.text(key)]
+
+
+def _decoded(data):
+    data = data.split(b"\0", 1)[0]
+    try:
+        return data.decode("utf-8").strip()
+    except UnicodeDecodeError:
+        return data.decode("latin-1").strip()
+
+
+def _parameters(path, file, header):
+    """All parameters of the file; records that do not follow one another are refused."""
+    blocks = max(header.parameter_blocks, header.start - 1 - header.parameters // _BLOCK)
+    file.seek(header.parameters)
+    section = file.read(max(blocks, 1) * _BLOCK)
+    damaged = (
+        f"{path}: damaged: the parameters, from byte {header.parameters} on, do not follow one "
+        "another; export the file again."
+    )
+    groups, records, at, last = {}, [], 4, False
+    while not last and at + 1 < len(section) and section[at] != 0:
+        n_name, group = struct.unpack("bb", section[at : at + 2])
+        name_end = at + 2 + abs(n_name)
+        if name_end + 2 > len(section):
+            raise ValueError(damaged)
+        name = section[at + 2 : name_end].decode("latin-1").strip().upper()
+        step = struct.unpack(f"{header.order}H", section[name_end : name_end + 2])[0]
+        last = step == 0
+        end = len(section) if last else name_end + step
+        if end > len(section) or end < name_end + 2 or group == 0 or not name.isprintable():
+            raise ValueError(damaged)
+        if group < 0:
+            groups.setdefault(-group, name)
+        else:
+            records.append((group, name, section[name_end + 2 : end]))
+        at = end
+    values = _Parameters(path, header)
+    for group, name, record in records:
+        key = f"{groups.get(group, group)}:{name}"
+        if key in values and key.startswith("POINT:"):
+            raise ValueError(f"{path}: damaged: the parameter {key} stands twice.")
+        values.setdefault(key, record)
+    if "POINT" not in groups.values():
+        raise ValueError(f"{path}: damaged: no group POINT among its parameters.")
+    values.end = header.parameters + at
+    return values
+
+
+# --- how the data lie -----------------------------------------------------------------------------
+
+
+class _Layout(NamedTuple):
+    """Where the numbers are: bytes, counts, and how one becomes a length."""
+
+    header: _Header
+    start: int
+    n_points: int
+    analog: int
+    n_frames: int
+    is_float: bool
+    scale: float
+
+    @property
+    def frame_bytes(self):
+        """Size of one frame."""
+        return (4 * self.n_points + self.analog) * (4 if self.is_float else 2)
+
+    @property
+    def end(self):
+        """Byte after the last frame."""
+        return self.start + self.n_frames * self.frame_bytes
+
+
+def _layout(path, header, values, report):
+    """Where the data lie; what header and parameters say differently, the size decides."""
+    used = values.number("POINT:USED")
+    if used not in (None, header.n_points):
+        raise ValueError(
+            f"{path}: damaged: the header counts {header.n_points} points in a frame, POINT:USED "
+            f"{used:g}; export the file again."
+        )
+    if header.n_points == 0:
+        raise ValueError(f"{path}: no markers in it; the header counts 0 points.")
+    scale = values.number("POINT:SCALE")
+    scale = header.scale if scale is None else scale
+    if not math.isclose(scale, header.scale, rel_tol=1e-5) and (scale > 0 or header.scale > 0):
+        raise ValueError(
+            f"{path}: damaged: the header's scale is {header.scale:g}, POINT:SCALE is {scale:g}; "
+            "export the file again."
+        )
+    if not np.isfinite(scale) or scale == 0:
+        raise ValueError(f"{path}: damaged: POINT:SCALE is {scale:g}; export the file again.")
+    starts = {"the header": header.start, "POINT:DATA_START": values.number("POINT:DATA_START")}
+    starts = {k: int(v - 1) * _BLOCK for k, v in starts.items() if v}
+    starts = {k: v for k, v in starts.items() if values.end <= v < header.size}
+    if not starts:
+        raise ValueError(
+            f"{path}: damaged or cut short: no data follow the parameters, which end at byte "
+            f"{values.end} of {header.size}."
+        )
+    analogs = {"the header": header.analog}
+    channels = values.number("ANALOG:USED")
+    if channels is not None and channels * header.samples != header.analog:
+        analogs["ANALOG:USED"] = int(channels * header.samples)
+    counts = _frame_counts(path, header, values)
+    end = header.size
+    rotations = values.number("ROTATION:USED"), values.number("ROTATION:DATA_START")
+    if all(rotations):  # they follow the points, and are not ours
+        end = min(end, int(rotations[1] - 1) * _BLOCK)
+    made = [
+        _Layout(header, start, header.n_points, analog, n, scale < 0, scale)
+        for start, analog, n in itertools.product(
+            set(starts.values()), set(analogs.values()), set(counts.values())
+        )
+    ]
+    fitting = sorted({m for m in made if 0 <= end - m.end < _BLOCK}, key=lambda m: m.n_frames)
+    return _chosen(path, made, fitting, counts, end, report)
+
+
+def _frame_counts(path, header, values):
+    """How many frames the file says it has, by where it says so."""
+    counts = {"the header": header.last - header.first + 1}
+    counts["POINT:FRAMES"] = values.number("POINT:FRAMES")
+    counts["POINT:LONG_FRAMES"] = values.number("POINT:LONG_FRAMES")
+    ends = [values.numbers(f"TRIAL:ACTUAL_{end}_FIELD") for end in ("START", "END")]
+    ends = [e[0] + (e[1] << 16 if len(e) == 2 and isinstance(e[1], int) else 0) for e in ends if e]
+    counts["TRIAL:ACTUAL_END_FIELD"] = ends[1] - ends[0] + 1 if len(ends) == 2 else None
+    counts = {k: int(n) for k, n in counts.items() if n is not None and 1 <= n < 2**40}
+    if not counts:
+        raise ValueError(
+            f"{path}: damaged: the header says frames {header.first} to {header.last}, and no "
+            "parameter says more; export the file again."
+        )
+    return counts
+
+
+def _chosen(path, made, fitting, counts, end, report):
+    """The one layout that fills the file."""
+    said = ", ".join(f"{place} {n}" for place, n in counts.items())
+    header = made[0].header
+    if not fitting:
+        fitting = _uncounted(path, made, counts, end)
+    if not fitting:
+        short = min(made, key=lambda m: m.end)
+        if short.end > end:
+            raise ValueError(
+                f"{path}: damaged or cut short: {short.n_frames} frames of {header.n_points} "
+                f"points need {short.end} bytes, but the file has {end}; copy or export it again."
+            )
+        if len(made) > 1:
+            raise ValueError(
+                f"{path}: damaged: its counts of frames ({said}) and of what is in each disagree, "
+                f"and none fits the {end} bytes that it has; export it again."
+            )
+        fitting = made
+    if len({(m.start, m.analog) for m in fitting}) > 1:
+        raise ValueError(
+            f"{path}: damaged: header and parameters disagree about where the data lie, and the "
+            "size of the file does not tell which is right; export it again."
+        )
+    layout = fitting[-1]
+    for shorter in fitting[-2::-1]:  # frames of zeros alone are what fills the last block
+        if not _all_zero(path, shorter.end, layout.end):
+            break
+        layout = shorter
+    wrong = {k: n for k, n in counts.items() if n not in (layout.n_frames, _MOST_16)}
+    if wrong and not all(n % 65536 == layout.n_frames % 65536 for n in wrong.values()):
+        report.append(f"{layout.n_frames} frames by the size of the file; it says: {said}")
+    left = end - layout.end
+    if left >= _BLOCK or (left and header.size % _BLOCK):
+        warn(path, report, f"{left} bytes after the last frame were not read", stacklevel=5)
+    return layout
+
+
+def _uncounted(path, made, counts, end):
+    """Layouts of more frames than 16 bits count, by the size of the file."""
+    full = any(n % 65536 in (0, _MOST_16) for n in counts.values())
+    fitting = []
+    for base in {m._replace(n_frames=0) for m in made}:
+        most = (end - base.start) // base.frame_bytes
+        least = max(_MOST_16 + 1, most - (_BLOCK - 1) // base.frame_bytes)
+        for n in range(least, most + 1):
+            if full or any(n % 65536 == c % 65536 for c in counts.values()):
+                fitting.append(base._replace(n_frames=n))
+    return fitting
+
+
+def _all_zero(path, first, last):
+    """Whether the bytes from first to last are zero: at most a block of them."""
+    with open(path, "rb") as file:
+        file.seek(first)
+        return not any(file.read(last - first))
+
+
+def _rate(path, header, values):
+    stated = {"the header": header.rate, "POINT:RATE": values.number("POINT:RATE")}
+    stated = {k: v for k, v in stated.items() if v is not None and np.isfinite(v) and v > 0}
+    if not stated:
+        raise ValueError(f"{path}: no frame rate in it; say it with fps=.")
+    rates = list(stated.values())
+    if not math.isclose(rates[0], rates[-1], rel_tol=1e-3):
+        raise ValueError(
+            f"{path}: the header says {rates[0]:g} frames/s, POINT:RATE {rates[1]:g}; say which is "
+            "right with fps=."
+        )
+    return float(str(np.float32(rates[-1])))  # 59.94, not 59.9399986
+
+
+def _labels(path, values, n_points, report):
+    """Label of each point: "" where there is none, None where it is no marker."""
+    labels = values.continued("POINT:LABELS")
+    more = [label for label in labels[n_points:] if label]
+    if more:
+        report.append(f"{len(more)} label(s) without a point left out ({listed(more)})")
+    labels = labels[:n_points] + [""] * (n_points - len(labels))
+    counted = {}
+    for kind in _MODEL_OUTPUTS:
+        named = {name for name in values.continued(f"POINT:{kind}") if name}
+        bare = {name.rpartition(":")[2] for name in named}
+        for i, label in enumerate(labels):
+            _, colon, tail = (label or "").rpartition(":")
+            if label and (label in named or tail in (named if colon else bare)):
+                labels[i] = None
+                counted[kind] = counted.get(kind, 0) + 1
+    if counted:
+        kinds = ", ".join(f"{count} {kind.lower()}" for kind, count in counted.items())
+        report.append(f"{sum(counted.values())} output(s) of a model left out: {kinds}")
+    if not any(label is not None for label in labels):
+        raise ValueError(f"{path}: no markers in it, only outputs of a model ({kinds}).")
+    return labels
+
+
+def _positions(path, file, layout, columns, factor):
+    """Positions of the points asked for, millimetres, NaN where hidden; read piece by piece."""
+    header, n_points = layout.header, layout.n_points
+    positions = np.empty((layout.n_frames, len(columns), 3), dtype=np.float32)
+    rows = max(1, _READ_BYTES // layout.frame_bytes)
+    file.seek(layout.start)
+    for first in range(0, layout.n_frames, rows):
+        count = min(rows, layout.n_frames - first)
+        data = file.read(count * layout.frame_bytes)
+        if len(data) < count * layout.frame_bytes:
+            raise ValueError(f"{path}: cut short while it was read; read it again.")
+        values = (
+            _floats(data, header) if layout.is_float else np.frombuffer(data, f"{header.order}i2")
+        )
+        points = values.reshape(count, -1)[:, : 4 * n_points].reshape(count, n_points, 4)
+        points = points[:, columns].astype(float)
+        scale = factor * (1.0 if layout.is_float else layout.scale)
+        with np.errstate(over="ignore", invalid="ignore"):  # refused where all is checked
+            positions[first : first + count] = points[..., :3] * scale
+            # the residual, cut to a whole number as the format wants it, is negative where hidden
+            positions[first : first + count][~(points[..., 3] > -1)] = np.nan
+    return positions
+
+
+# --- writing --------------------------------------------------------------------------------------
 
 
 def write_c3d(path, markers):
     """Write markers as C3D (Intel, floating point), whole or not at all.
 
+    The file is written beside, read back and compared before it takes its place.
+
     Parameters
     ----------
     path : str or Path
     markers : MarkerSequence
-        Positions are stored as float32 millimetres; occluded ones get residual -1.
+        Positions are stored as float32 millimetres; hidden ones get residual -1. More than 65,535
+        frames are counted in TRIAL:ACTUAL_END_FIELD, as Vicon does.
 
     Raises
     ------
     ValueError
-        For an empty sequence, or one with more than 65,535 frames: cut it.
+        For an empty sequence, more than 65,535 markers, and whatever would not come back as it is:
+        names with blanks around them or a prefix that all share, a visible marker at exactly the
+        origin, a position more than a kilometre away.
+    OSError
+        If the disk is full; what was there before stays.
     """
-    import ezc3d
-
+    check_type(markers, "markers", MarkerSequence, "see facelab.read_markers")
     n_frames, n_markers = markers.n_frames, markers.n_markers
-    if not 1 <= n_frames <= 65535 or not 1 <= n_markers <= 65535:
+    if not 1 <= n_frames < 2**31 or not 1 <= n_markers <= _MOST_16:
         raise ValueError(
             f"markers has {n_frames} frames of {n_markers} markers, but a C3D file holds 1 to "
-            "65535 of each; cut the sequence."
+            f"{_MOST_16} markers and at least one frame."
         )
-    visible = markers.visible.T
-    points = np.ones((4, n_markers, n_frames))
-    points[:3] = np.where(visible, markers.positions.transpose(2, 1, 0), 0.0)
-    file = ezc3d.c3d()
-    point = file["parameters"]["POINT"]
-    point["RATE"]["value"] = [float(markers.fps)]
-    point["UNITS"]["value"] = ["mm"]
-    point["LABELS"]["value"] = list(markers.names)
-    file["data"]["points"] = points
-    file["data"]["meta_points"]["residuals"] = np.where(visible, 0.0, -1.0)[None]
-    file["data"]["meta_points"]["camera_masks"] = np.zeros((7, n_markers, n_frames), dtype=bool)
+    parameters = _parameter_section(markers)
+    start = 2 + len(parameters) // _BLOCK
+    header = struct.pack(
+        "<BBHHHHHfHHf", 2, 0x50, n_markers, 0, 1, min(n_frames, _MOST_16), 0, -1.0, start, 0,
+        markers.fps,
+    )  # fmt: skip
     with atomic_path(path) as part:
-        file.write(str(part))
+        with open(part, "wb") as out:
+            out.write(header.ljust(_BLOCK, b"\0") + parameters)
+            rows = max(1, _READ_BYTES // (16 * n_markers))
+            for first in range(0, n_frames, rows):
+                some = markers.positions[first : first + rows]
+                points = np.zeros((*some.shape[:2], 4), dtype="<f4")
+                with np.errstate(over="ignore"):  # infinite when read back
+                    points[..., :3] = some
+                points[np.isnan(some[..., 0])] = (0, 0, 0, -1)
+                out.write(points.tobytes())
+            out.write(bytes(-out.tell() % _BLOCK))
+            out.flush()
+            os.fsync(out.fileno())
+        _check_written(path, part, markers)
 
 
-class _Header:
-    """What the first 512 bytes of a C3D file promise, held against the size of the file."""
-
-    def __init__(self, path):
-        size = path.stat().st_size
-        with open(path, "rb") as file:
-            block = file.read(_BLOCK)
-            if len(block) < _BLOCK or block[1] != 0x50:
-                raise ValueError(f"{path}: not a C3D file (its first block lacks the mark 0x50).")
-            parameters = (max(block[0], 1) - 1) * _BLOCK
-            file.seek(parameters)
-            start = file.read(4)
-        if len(start) < 4 or not 84 <= start[3] <= 86:
-            raise ValueError(
-                f"{path}: damaged: the parameters should start at byte {parameters}, but do not."
-            )
-        kind = {84: "Intel", 85: "DEC", 86: "SGI"}[start[3]]
-        order = ">" if kind == "SGI" else "<"
-        words = struct.unpack(f"{order}12H", block[:24])
-        self.n_points, self.analog, self.first, self.last = words[1:5]
-        self.data_start = (words[8] - 1) * _BLOCK
-        # a negative scale says floats; in DEC floats, too, the sign bit is bit 15 of the first word
-        sign = words[6] if kind == "DEC" else struct.unpack(f"{order}I", block[12:16])[0] >> 16
-        self.bytes_per_value = 4 if sign & 0x8000 else 2
-        self.n_frames = self.last - self.first + 1
-        self.many_frames = self.last in (0, 0xFFFF)  # more than 16 bits hold: see the parameters
-        if self.n_points == 0:
-            raise ValueError(f"{path}: no markers in it; the header counts 0 points.")
-        if not self.many_frames and self.n_frames < 1:
-            raise ValueError(
-                f"{path}: damaged: the header says frames {self.first} to {self.last}."
-            )
-        if not parameters + _BLOCK <= self.data_start < size:
-            raise ValueError(
-                f"{path}: damaged or cut short: the data should start at byte {self.data_start} of "
-                f"{size}."
-            )
-        self.size = size
-        if not self.many_frames:
-            self.check_size(path, self.n_frames)
-
-    def check_size(self, path, n_frames):
-        """Refuse a file too short for that many frames, or one that holds more uncounted."""
-        per_frame = (4 * self.n_points + self.analog) * self.bytes_per_value
-        end = self.data_start + n_frames * per_frame
-        if end > self.size:
-            raise ValueError(
-                f"{path}: damaged or cut short: {n_frames} frames of {self.n_points} points need "
-                f"{end} bytes, but the file has {self.size}; copy or export it again."
-            )
-        if self.many_frames and self.size - end >= max(per_frame, _BLOCK):
-            raise ValueError(
-                f"{path}: only {n_frames} frames of it can be read, and more follow; export the "
-                "take in parts of less than 65535 frames."
-            )
-
-
-def _run_child(path, out):
-    """Parse in a process of its own, which may crash or hang without harm."""
-    code = f"{inspect.getsource(_parse)}\n{_CHILD_MAIN}"
-    size = path.stat().st_size
-    limit, seconds = 2**30 + 40 * size, _CHILD_SECONDS + size / 1e6
-    command = [sys.executable, "-P", "-c", code, str(path.resolve()), str(out), str(limit)]
+def _check_written(path, part, markers):
+    """Refuse what does not come back as it was."""
     try:
-        done = subprocess.run(command, capture_output=True, timeout=seconds, check=False)
-    except subprocess.TimeoutExpired:
-        raise ValueError(
-            f"{path}: not readable: no result within {seconds:.0f} s; the file is damaged."
-        ) from None
-    if done.returncode != 0 or not out.is_file():
-        said = done.stderr.decode(errors="replace").strip().splitlines()
-        why = said[-1] if said and done.returncode > 0 else f"crash, code {done.returncode}"
-        raise ValueError(f"{path}: damaged: its parts do not fit together ({why}).")
-
-
-_CHILD_MAIN = """
-import sys
-import numpy
-try:
-    import resource
-    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[3]), int(sys.argv[3])))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-except (ImportError, ValueError, OSError):
-    pass
-numpy.savez(sys.argv[2], **_parse(sys.argv[1]))
-"""
-
-
-def _parse(path):
-    """All of one C3D file that is used here, as plain arrays. Its source runs in the child."""
-    import ezc3d
-    import numpy as np
-
-    file = ezc3d.c3d(path)
-    point = file["parameters"]["POINT"]
-    keys = [key for key in point if key.rstrip("0123456789") == "LABELS"]  # LABELS, LABELS2, ...
-    labels = [n for key in sorted(keys, key=lambda k: (len(k), k)) for n in point[key]["value"]]
-    trial = file["parameters"].get("TRIAL", {})
-    ends = [trial[k]["value"] for k in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD") if k in trial]
-    # two 16-bit words each, the low one first
-    ends = [int(np.uint16(e[0])) + 65536 * int(np.uint16(e[1])) for e in ends if len(e) == 2]
-    long = int(np.uint32(point["LONG_FRAMES"]["value"][0])) if "LONG_FRAMES" in point else 0
-    return {
-        "points": np.asarray(file["data"]["points"]),
-        "residuals": np.asarray(file["data"]["meta_points"]["residuals"])[0],
-        "labels": np.array([str(n) for n in labels], dtype=str),
-        "units": np.array([str(u) for u in point.get("UNITS", {}).get("value", [])], dtype=str),
-        "rate": np.array(float(file["header"]["points"]["frame_rate"])),
-        "long_frames": np.array(ends[1] - ends[0] + 1 if len(ends) == 2 else long),
-    }
-
-
-def _markers(path, header, read, units):
-    points, residuals = read["points"], read["residuals"]
-    n_points, n_frames = points.shape[1:]
-    promised = {header.n_frames} if not header.many_frames else set()
-    if read["long_frames"] > 0:
-        promised.add(int(read["long_frames"]))
-    if n_points != header.n_points or (promised and n_frames not in promised):
-        said = " or ".join(map(str, sorted(promised))) or "many"
-        raise ValueError(
-            f"{path}: damaged: the header says {said} frames of {header.n_points} points, but "
-            f"{n_frames} of {n_points} were found."
-        )
-    if n_frames < 1:
-        raise ValueError(f"{path}: no frames in it.")
-    header.check_size(path, n_frames)
-    if units is None:
-        units = read["units"][0].strip().lower() if len(read["units"]) else ""
-        units = {"millimeters": "mm", "millimetres": "mm", "meters": "m", "metres": "m"}.get(
-            units, units
-        )
-        if units not in _MM:
-            raise ValueError(
-                f"{path}: POINT:UNITS is {units!r}, readable are {', '.join(_MM)}; say what it is "
-                'with read_c3d(path, units="mm").'
-            )
-    positions = points[:3].transpose(2, 1, 0) * _MM[units]
-    hidden = (residuals.T < 0) | np.isnan(positions).any(axis=2) | (positions == 0).all(axis=2)
-    positions[hidden] = np.nan
-    far = np.abs(positions) > _FARTHEST
-    if far.any():
-        frame, marker, _ = (int(i) for i in np.argwhere(far)[0])
-        raise ValueError(
-            f"{path}: damaged: {int(far.any(axis=2).sum())} position(s) lie more than a kilometre "
-            f"away, the first in frame {frame}, point {marker}."
-        )
-    labels = [label.strip() for label in read["labels"].tolist()]
-    names = [label or f"unlabelled_{i + 1}" for i, label in enumerate(labels[:n_points])]
-    names += [f"unlabelled_{i + 1}" for i in range(len(names), n_points)]
-    try:
-        fps = check_number(read["rate"], "fps", above=0)
-        return MarkerSequence(positions, tuple(names), fps)
+        read = _read(part)
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+        why = str(error).replace(str(part), str(path))
+        raise ValueError(f"markers cannot be kept in a C3D file: {why}") from None
+    changed = [(a, b) for a, b in zip(markers.names, read.names, strict=True) if a != b]
+    if changed:
+        wrong = ", ".join(f"{a!r} would come back as {b!r}" for a, b in changed[:3])
+        raise ValueError(f"names: {wrong}; a C3D file cannot hold that: rename the marker(s).")
+    rows = max(1, _READ_BYTES // (12 * markers.n_markers))
+    for first in range(0, markers.n_frames, rows):
+        wanted = markers.positions[first : first + rows].astype(np.float32)
+        found = read.positions[first : first + rows]
+        differs = ~((found == wanted) | (np.isnan(found) & np.isnan(wanted))).all(axis=2)
+        if differs.any():
+            frame, marker = (int(i) for i in np.argwhere(differs)[0])
+            raise ValueError(
+                f"{markers.names[marker]} in frame {first + frame} is at {wanted[frame, marker]}, "
+                f"but would come back as {found[frame, marker]}: exactly 0, 0, 0 means hidden in a "
+                "C3D file; move the origin."
+            )
+
+
+def _parameter_section(markers):
+    """Group POINT, and TRIAL for a long take, as bytes in whole blocks."""
+    labels = [name.encode() for name in markers.names]
+    wrong = [
+        n
+        for n, b in zip(markers.names, labels, strict=True)
+        if len(b) > 127 or not n.isprintable() or n != n.strip() or not n
+    ]
+    if wrong:
+        raise ValueError(
+            f"names: {', '.join(map(repr, wrong[:3]))} cannot be kept in a C3D file; use 1 to 127 "
+            "characters that print, without blanks around them."
+        )
+    n_frames, width = markers.n_frames, max(map(len, labels))
+    point = {
+        "USED": _words(markers.n_markers),
+        "SCALE": (4, [], struct.pack("<f", -1.0)),
+        "RATE": (4, [], struct.pack("<f", markers.fps)),
+        "DATA_START": None,
+        "FRAMES": _words(min(n_frames, _MOST_16)),
+        "UNITS": (-1, [2], b"mm"),
+    }
+    for number, first in enumerate(range(0, len(labels), 255), 1):
+        some = labels[first : first + 255]
+        name = f"LABELS{number if number > 1 else ''}"
+        point[name] = (-1, [width, len(some)], b"".join(b.ljust(width) for b in some))
+    groups = {"POINT": point}
+    if n_frames > _MOST_16:
+        groups["TRIAL"] = {
+            "ACTUAL_START_FIELD": _words(1, 0),
+            "ACTUAL_END_FIELD": _words(n_frames & _MOST_16, n_frames >> 16),
+        }
+    blocks = 1
+    while True:  # DATA_START is written into the section whose size it depends on
+        point["DATA_START"] = _words(2 + blocks)
+        records = b"".join(
+            _record(number, name, record)
+            for number, (group, parameters) in enumerate(groups.items(), 1)
+            for name, record in [(group, None), *parameters.items()]
+        )
+        needed = -(-(4 + len(records) + 2) // _BLOCK)
+        if needed == blocks:
+            head = bytes([1, 0x50, min(blocks, 255), 84])
+            return (head + records).ljust(blocks * _BLOCK, b"\0")
+        blocks = needed
+
+
+def _words(*values):
+    """A parameter of 16-bit words: a scalar, or a list of them."""
+    dims = [] if len(values) == 1 else [len(values)]
+    return 2, dims, struct.pack(f"<{len(values)}H", *values)
+
+
+def _record(number, name, record):
+    """A group (record None) or a parameter of group `number`, as bytes; no description."""
+    if record is None:
+        return struct.pack("<bb", len(name), -number) + name.encode() + struct.pack("<HB", 3, 0)
+    kind, dims, data = record
+    body = struct.pack("<bB", kind, len(dims)) + bytes(dims) + data + b"\0"
+    return (
+        struct.pack("<bb", len(name), number)
+        + name.encode()
+        + struct.pack("<H", len(body) + 2)
+        + body
+    )
