@@ -31,6 +31,26 @@ def cache_dir():
 
 
 def download(url, name, sha256, folder):
+    """Path of a file in the cache, fetched once and held against its checksum.
+
+    Raises
+    ------
+    DataUnavailable
+        Without a network, and where `FACELAB_OFFLINE` is set and the cache does not have the file.
+    ValueError
+        If what came is not what was pinned.
+    """
+    remedy = (
+        "copy the data to this machine and name its folder: FACELAB_ICT for a clone of "
+        "ICT-FaceKit, FACELAB_CAPTURES for the recorded takes, FACELAB_ANIMFACE for the markers."
+    )
+    if os.environ.get("FACELAB_OFFLINE"):
+        kept = folder / name
+        if kept.is_file() and pooch.file_hash(str(kept)) == sha256:
+            return kept
+        raise DataUnavailable(
+            f"{name} is not at hand, and FACELAB_OFFLINE forbids to download it: {remedy}"
+        )
     try:
         return Path(
             pooch.retrieve(
@@ -44,12 +64,10 @@ def download(url, name, sha256, folder):
     except ValueError as error:  # not a matter of the network: what came is not what was pinned
         raise ValueError(
             f"{name} was downloaded, but is not the file it should be: {error} Try again; if that "
-            "does not help, copy the data to this machine and name its folder in FACELAB_ICT or "
-            "FACELAB_CAPTURES."
+            f"does not help, {remedy}"
         ) from None
     except Exception as error:  # no network, a server's refusal
         raise DataUnavailable(
-            f"{name} is not at hand and could not be downloaded ({type(error).__name__}). "
-            "Without a network, copy the data to this machine and name its folder: FACELAB_ICT for "
-            "a clone of ICT-FaceKit, FACELAB_CAPTURES for the recorded takes."
+            f"{name} is not at hand and could not be downloaded ({type(error).__name__}). Without "
+            f"a network, {remedy}"
         ) from None

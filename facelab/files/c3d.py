@@ -9,7 +9,7 @@ import itertools
 import math
 import os
 import struct
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,8 +23,8 @@ from facelab.files.marker_rules import (
     resolve_names,
     warn,
 )
-from facelab.storage import atomic_path
 from facelab.motion import MarkerSequence
+from facelab.storage import atomic_path
 
 _BLOCK = 512
 _KINDS = {84: "Intel", 85: "DEC", 86: "MIPS"}
@@ -232,7 +232,8 @@ def _parameters(path, file, header):
 # --- how the data lie -----------------------------------------------------------------------------
 
 
-class _Layout(NamedTuple):
+@dataclass(frozen=True)
+class _Layout:
     """Where the numbers are: bytes, counts, and how one becomes a length."""
 
     header: _Header
@@ -359,12 +360,12 @@ def _uncounted(path, made, counts, end):
     """Layouts of more frames than 16 bits count, by the size of the file."""
     full = any(n % 65536 in (0, _MOST_16) for n in counts.values())
     fitting = []
-    for base in {m._replace(n_frames=0) for m in made}:
+    for base in {replace(m, n_frames=0) for m in made}:
         most = (end - base.start) // base.frame_bytes
         least = max(_MOST_16 + 1, most - (_BLOCK - 1) // base.frame_bytes)
         for n in range(least, most + 1):
             if full or any(n % 65536 == c % 65536 for c in counts.values()):
-                fitting.append(base._replace(n_frames=n))
+                fitting.append(replace(base, n_frames=n))
     return fitting
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from facelab.checks import check_number, check_type
 from facelab.geometry.size import face_scale
-from facelab.storage import existing_file
 from facelab.motion import MarkerSequence
+from facelab.storage import existing_file
 
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
 

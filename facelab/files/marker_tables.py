@@ -90,6 +90,18 @@ def _triples(path, number, columns):
     return markers
 
 
+def _widened(path, row, width):
+    """The row with as many cells as the header has columns."""
+    while len(row) > width and not row[-1]:
+        row = row[:-1]
+    if len(row) > width:
+        raise ValueError(
+            f"{path}: a row of its header has {len(row)} cells, the row of axes {width}; export it "
+            "again."
+        )
+    return row + [""] * (width - len(row))
+
+
 def _header_row(path, lines, what):
     row = next(lines.rows(1), None)
     if row is None:
@@ -118,7 +130,7 @@ def _motive(path, lines, first, unit):
             "export it with its header."
         )
     width = len(row)
-    kinds, names, properties = (r + [""] * (width - len(r)) for r in (*above[:2], above[-1]))
+    kinds, names, properties = (_widened(path, r, width) for r in (*above[:2], above[-1]))
     columns, others = [], []
     for i in range(2, width):
         if kinds[i].lower() == "marker" and properties[i].lower() == "position":
@@ -136,7 +148,7 @@ def _motive(path, lines, first, unit):
     timed = width > 1 and row[1].lower().startswith("time")
     said = about.get("Length Units", "")
     return Table(
-        row[:2] + [f"{n} {a}" for n, a in zip(names[2:], row[2:], strict=True)],
+        row[:2] + [f"{n} {a}".strip() for n, a in zip(names[2:], row[2:], strict=True)],
         _triples(path, number, columns), ",", 0, 1 if timed else None,
         rate=stated(path, rate, "the frame rate"),
         n_frames=stated(path, about.get("Total Exported Frames", ""), "the number of frames", True),
@@ -168,10 +180,10 @@ def _nexus(path, lines, head, unit):
     width = len(axes)
     while width > 2 and not axes[width - 1]:
         width -= 1
-    names, units = (r + [""] * (width - len(r)) for r in (names, units))
+    names, units = (_widened(path, r, width) for r in (names, units))
     columns, others, name = [], [], ""
     for i in range(2, width):
-        name = names[i] or (name if axes[i].upper() != "X" else "")
+        names[i] = name = names[i] or (name if axes[i].upper() != "X" else "")
         if axes[i].upper() in ("X", "Y", "Z"):
             columns.append((name, axes[i].upper(), i))
         elif axes[i]:

@@ -55,10 +55,10 @@ def read_markers(path, unit=None, fps=None, subject=None):
 
     Examples
     --------
-    >>> import tempfile
-    >>> path = Path(tempfile.mkdtemp()) / "take.csv"
-    >>> _ = path.write_text("time,chin_x,chin_y,chin_z\\n0,0.5,1,2\\n0.01,,,\\n")
-    >>> take = read_markers(path)
+    >>> import facelab
+    >>> with open("take.csv", "w") as out:
+    ...     print("time,chin_x,chin_y,chin_z", "0,0.5,1,2", "0.01,,,", sep="\\n", file=out)
+    >>> take = facelab.read_markers("take.csv")
     >>> take
     MarkerSequence(2 frames of 1 markers, 100 frames/s, 50.0 % occluded)
     >>> print(take.report)

@@ -10,7 +10,7 @@ import numpy as np
 from facelab.files.marker_rules import listed, marker_sequence, resolve_names, warn
 
 _BLOCK = 2**22  # characters parsed together
-_OTHER_SIGNS = re.compile(r"[^0-9+\-.,;\t \neEnNaAuUlL\"]")
+_BLANK = " \t,;\n"  # a line of these alone holds nothing
 _NOTHING = ("", "nan", "null")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
@@ -42,7 +42,7 @@ class TextLines:
             line = self.next()
             if line is None:
                 return
-            if line.strip(" \t,;"):
+            if line.strip(_BLANK):
                 yield self.number, line
                 n = None if n is None else n - 1
 
@@ -127,6 +127,12 @@ class Table:
     until_blank: bool = False
     report: list = field(default_factory=list)
 
+    @property
+    def used(self):
+        """Columns that are read, in their order."""
+        counted = {c for c in (self.frame, self.time) if c is not None}
+        return sorted(counted | {c for _, three in self.markers for c in three})
+
 
 def read_table(path, lines, table, fps, subject):
     """The markers of a table: rows parsed, names resolved, frames put in their places in time.
@@ -147,7 +153,8 @@ def read_table(path, lines, table, fps, subject):
     """
     report = table.report
     names, kept = resolve_names(path, [name for name, _ in table.markers], subject, report)
-    axes = np.array([table.markers[i][1] for i in kept])
+    place = {column: i for i, column in enumerate(table.used)}
+    axes = np.array([[place[column] for column in table.markers[i][1]] for i in kept])
     size = path.stat().st_size
     n_columns = len(table.columns)
     most = min(_count_lines(path), size // max(1, n_columns - 1) + 1)  # a cell takes a byte
@@ -160,7 +167,7 @@ def read_table(path, lines, table, fps, subject):
         with np.errstate(over="ignore"):  # refused where all is checked
             positions[n : n + len(values)] = values[:, axes] * table.factor
         for key, parts in counted.items():
-            parts.append(values[:, getattr(table, key)])
+            parts.append(values[:, place[getattr(table, key)]])
         numbers.append(number)
         n += len(values)
     if n == 0:
@@ -195,16 +202,30 @@ def _count_lines(path):
 
 def _number_blocks(path, lines, table):
     """Arrays of line numbers and of values, shape (n_rows, n_columns); NaN for an empty cell."""
+    counted = table.frame is not None or table.time is not None
+    blank = _BLANK if counted else " \n"  # else a row of empty cells is a frame of hidden markers
     for first, block in lines.blocks():
-        rows = [(n, row) for n, row in enumerate(block, first) if row.strip(" \t,;\n")]
-        ended = table.until_blank and len(rows) < len(block)
+        full = [(n, row) for n, row in enumerate(block, first) if row.strip(blank)]
+        ended = table.until_blank and len(full) < len(block)
+        rows = [(n, row) for i, (n, row) in enumerate(full) if n == first + i] if ended else full
+        if fitting := _trimmed(path, lines, table, rows):
+            yield np.array([n for n, _ in fitting]), _parsed(path, table, fitting)
         if ended:
-            blank = next(i for i, row in enumerate(block) if not row.strip(" \t,;\n"))
-            rows = rows[:blank]
-        if rows := _trimmed(path, lines, table, rows):
-            yield np.array([n for n, _ in rows]), _parsed(path, table, rows)
-        if ended:
+            _check_rest(path, table, next(iter(full[len(rows) :] or lines.rows(1)), None))
             return
+
+
+def _check_rest(path, table, line):
+    """Refuse rows that go on behind a blank line; say what else follows."""
+    if line is None:
+        return
+    number, text = line
+    first = text.split(table.delimiter)[0].strip().strip('"')
+    if _NUMBER.fullmatch(first):
+        raise ValueError(
+            f"{path}, line {number}: rows go on behind a blank line; take it out, or export again."
+        )
+    table.report.append(f"what follows the rows left out, from line {number} on: {first[:40]}")
 
 
 def _trimmed(path, lines, table, rows):
@@ -229,22 +250,22 @@ def _trimmed(path, lines, table, rows):
 
 
 def _parsed(path, table, rows):
+    """Values of the columns that count, shape (n_rows, n_used); the others may hold anything."""
     text = "\n".join(row for _, row in rows)
-    mark = table.delimiter
-    values = None
-    if not _OTHER_SIGNS.search(text):
-        if mark != ",":
-            text = text.replace(",", ".")
-        if '"' in text:
-            text = re.sub(rf'(?m)(^|{mark}) *"([^"{mark}\n]*)" *(?={mark}|$)', r"\1\2", text)
-        if "u" in text or "U" in text:
-            text = re.sub(r"(?i)\bnull\b", "nan", text)
-        text = re.sub(rf"(?m)(^|{mark}) *(?={mark}|$)", r"\1nan", text)
-        try:
-            values = np.loadtxt(text.split("\n"), delimiter=mark, ndmin=2, comments=None)
-        except ValueError:
-            values = None
-    if values is None or values.shape != (len(rows), len(table.columns)) or np.isinf(values).any():
+    mark, used = table.delimiter, table.used
+    if mark != ",":
+        text = text.replace(",", ".")
+    if '"' in text:
+        text = re.sub(rf'(?m)(^|{mark}) *"([^"{mark}\n]*)" *(?={mark}|$)', r"\1\2", text)
+    if "u" in text or "U" in text:
+        text = re.sub(r"(?i)\bnull\b", "nan", text)
+    text = re.sub(rf"(?m)(^|{mark}) *(?={mark}|$)", r"\1nan", text)
+    try:
+        lines = text.split("\n")
+        values = np.loadtxt(lines, delimiter=mark, ndmin=2, comments=None, usecols=used)
+    except ValueError:
+        values = None
+    if values is None or values.shape != (len(rows), len(used)) or np.isinf(values).any():
         _say_where(path, table, rows)
     return values
 
@@ -252,14 +273,16 @@ def _parsed(path, table, rows):
 def _say_where(path, table, rows):
     """Refuse the first cell that is no number: slow, only to say where."""
     for number, row in rows:
-        for name, cell in zip(table.columns, row.split(table.delimiter), strict=True):
-            plain = cell.strip().strip('"').strip()
+        row = row.split(table.delimiter)
+        for column in table.used:
+            plain = row[column].strip().strip('"').strip()
             plain = plain if table.delimiter == "," else plain.replace(",", ".")
             is_number = _NUMBER.fullmatch(plain) and np.isfinite(float(plain))
             if plain.lower() not in _NOTHING and not is_number:
                 raise ValueError(
-                    f"{path}, line {number}, column {name}: {cell.strip()[:40]!r} is not a number; "
-                    "repair it, or leave the cell empty where the marker is hidden."
+                    f"{path}, line {number}, column {table.columns[column]}: "
+                    f"{row[column].strip()[:40]!r} is not a number; repair it, or leave the cell "
+                    "empty where the marker is hidden."
                 )
     raise ValueError(
         f"{path}, lines {rows[0][0]} to {rows[-1][0]}: the cells are not parted as in the header; "
