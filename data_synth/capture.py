@@ -35,7 +35,7 @@ from data_synth.performance import (
 )
 from data_synth.units import UNITS
 from facelab.checks import check_choice
-from facelab.files.c3d import read_c3d, write_c3d
+from facelab.files import read_c3d, write_c3d
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MarkerSequence, WeightSequence
 from facelab.storage import load_npz, save_npz

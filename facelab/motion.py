@@ -18,20 +18,6 @@ def _valid_mask(valid, n_frames):
     return valid
 
 
-class Report(tuple):
-    """What a reader of a file left out, renamed, assumed and counted: sentences, one a line.
-
-    Examples
-    --------
-    >>> print(Report(["3 frames without a face", "prefix Anna: taken off the names"]))
-    3 frames without a face
-    prefix Anna: taken off the names
-    """
-
-    def __str__(self):
-        return "\n".join(self)
-
-
 class _Sequence:
     """What all sequences share: frames at a fixed rate, some of them lost."""
 
@@ -237,8 +223,8 @@ class MarkerSequence(_Sequence):
         Name of each marker, each once.
     fps : float
         Frames a second.
-    report : Report, optional
-        What the reader of the file left out, renamed and counted: `print(markers.report)`.
+    report : object, optional
+        What the reader of the file found, printable; stays with every part of the sequence.
 
     Examples
     --------
@@ -253,7 +239,7 @@ class MarkerSequence(_Sequence):
     positions: np.ndarray
     names: tuple
     fps: float
-    report: tuple = ()
+    report: object = None
 
     def __post_init__(self):
         names = tuple(self.names)
@@ -281,7 +267,6 @@ class MarkerSequence(_Sequence):
                 )
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "names", names)
-        object.__setattr__(self, "report", Report(self.report))
         object.__setattr__(self, "fps", check_number(self.fps, "fps", above=0))
 
     def __repr__(self):

@@ -1,9 +1,8 @@
 """One room for each kind of file, in and out."""
 
-from facelab.files.c3d import read_c3d, write_c3d
 from facelab.files.gltf import write_clip_glb, write_glb
 from facelab.files.live_link import read_live_link_csv
-from facelab.files.markers import read_markers
+from facelab.files.markers import read_c3d, read_markers, write_c3d
 from facelab.files.meshes import read_mesh, read_obj, write_obj, write_ply
 from facelab.files.poses import load_clip, load_pose, read_log, save_clip, save_pose
 from facelab.files.takes import read_weights_csv, to_arkit, write_live_link_csv, write_weights_csv

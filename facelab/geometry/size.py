@@ -7,62 +7,74 @@ import numpy as np
 FACE_MM = 220.0  # longest side of a box round a face; a mask has 130, a head with neck 400
 _UNITS = {
     0.1: "tenths of a millimetre",
+    1.0: "millimetres",
     10.0: "centimetres",
     100.0: "decimetres",
     1000.0: "metres",
 }
 
 
-def face_scale(vertices):
-    """The power of ten that brings a face to millimetres: 1 if it is in them, None if none does.
+def longest_side(vertices):
+    """Longest side of the box round some vertices, in their own unit."""
+    return float(np.ptp(np.asarray(vertices, dtype=float), axis=0).max())
+
+
+def face_scale(side):
+    """Millimetres in the unit that makes a length the longest side of a face.
 
     Parameters
     ----------
-    vertices : array_like of shape (n_vertices, 3)
-        Of a face or a head. Its longest side counts: 70 to 700 mm is a face's.
+    side : float
+        As `longest_side` gives it. A face has 70 to 700 mm.
+
+    Returns
+    -------
+    scale : float or None
+        1 for millimetres, 10 for centimetres, 100, 1000, or 0.1; None if no unit fits.
 
     Examples
     --------
-    >>> face_scale([[0, 0, 0], [0.14, 0.21, 0.1]])  # metres
+    >>> face_scale(0.21)
     1000.0
     """
-    side = float(np.ptp(np.asarray(vertices, dtype=float), axis=0).max())
     scale = 10.0 ** round(np.log10(FACE_MM / side)) if side > 0 else None
-    return scale if scale == 1 or scale in _UNITS else None
+    return scale if scale in _UNITS else None
 
 
-def check_face_size(vertices, name, remedy="multiply its lengths by {scale:g}", part=False):
-    """Warn of a face whose size is no face's in millimetres.
+def check_face_size(vertices, name, scale=None, part=False):
+    """Warn of a face whose size is no face's.
 
     Parameters
     ----------
     vertices : array_like of shape (n_vertices, 3)
+        Of a face or a head: millimetres, or in the unit of its file if `scale` is given.
     name : str
         What it is, for the message ("rig", "head.obj").
-    remedy : str
-        What to do, with `{scale:g}` for the factor.
+    scale : float, optional
+        Millimetres that a reader takes the file's unit for; the remedy is then another one.
     part : bool, default=False
         It may be a part of a face, as small as an eye.
 
     Returns
     -------
-    scale : float or None
-        As `face_scale` gives it; nothing is changed.
+    fits : bool
 
     Warns
     -----
     UserWarning
-        With the factor, if there is one.
+        With the factor that would make it a face's size, if there is one.
     """
-    scale = face_scale(vertices)
-    if scale == 1 or (part and scale == 10):
-        return 1.0
-    side = float(np.ptp(np.asarray(vertices, dtype=float), axis=0).max())
-    said = f"{name}: its longest side is {side:.4g} mm, and a face's is 70 to 700"
-    if scale is None:
-        said += "; no unit of length makes it a face. Is it one?"
+    side = longest_side(vertices)
+    found, used = face_scale(side), 1.0 if scale is None else scale
+    # a scale that was given need not be a power of ten
+    if face_scale(side * used) == 1 or (part and face_scale(side * used * 10) == 1):
+        return True
+    said = f"{name}: its longest side is {side * used:.4g} mm, and a face's is 70 to 700"
+    if found is None:
+        said += "; no unit of length makes it a face"
     else:
-        body = ", or a whole body" if scale == 0.1 else ""
-        said += f"; it looks like {_UNITS[scale]}{body}: {remedy.format(scale=scale)}."
-    warnings.warn(said, stacklevel=3)
-    return scale
+        body = ", or a whole body" if face_scale(side * used) == 0.1 else ""
+        said += f"; it looks like {_UNITS[found]}{body}: "
+        said += f"multiply its lengths by {found:g}" if scale is None else f"give scale={found:g}"
+    warnings.warn(f"{said}.", stacklevel=3)
+    return False

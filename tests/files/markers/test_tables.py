@@ -5,7 +5,7 @@ import pytest
 from capture_tables import motive, nexus, plain, qualisys, trc
 from mutants import tally
 
-from facelab.files.markers import read_markers
+from facelab.files import read_markers
 
 NAMES = ["chin", "nose_tip", "lip_upper", "lip_lower", "brow_left_1", "brow_right_1", "jaw_left_5"]
 
@@ -42,8 +42,8 @@ def test_motive(tmp_path, P, unit, version, labels):
     take = read(tmp_path, motive(P, [f"Face:{n}" for n in NAMES], 120, unit, version, labels))
     np.testing.assert_allclose(take.positions, P, atol=1e-3)  # six digits of a metre
     assert (take.names, take.fps) == (tuple(NAMES), 120)
-    assert "4 column(s) that are no markers left out (rigid body)" in take.report
-    assert "prefix Face: taken off the names" in take.report
+    assert "4 column(s) that are no markers left out (rigid body)" in take.report.notes
+    assert "prefix Face: taken off the names" in take.report.notes
 
 
 def test_motive_without_markers_is_refused(tmp_path, P):
@@ -73,8 +73,8 @@ def test_nexus_with_other_parts_before_and_behind(tmp_path, P):
     other = "Devices\n1000\n,,Plate\nFrame,Sub Frame,Fx\n,,N\n1,0,5\n1,1,5\n\n"
     take = read(tmp_path, nexus(P, NAMES, before=other, after=other.replace("Devices", "Joints")))
     check(take, P, 100)
-    assert "1 other part(s) left out (devices)" in take.report
-    assert "what follows the rows left out, from line 45 on: Joints" in take.report
+    assert "1 other part(s) left out (devices)" in take.report.notes
+    assert "what follows the rows left out, from line 45 on: Joints" in take.report.notes
     with pytest.raises(ValueError, match="line 22: rows go on behind a blank line"):
         read(tmp_path, nexus(P, NAMES).replace("\n16,", "\n\n16,"))
 
@@ -87,7 +87,7 @@ def test_nexus_velocities_are_no_positions(tmp_path, P):
     wide += [v + ",1,2,3" for v in values]
     take = read(tmp_path, "\n".join(["Trajectories", "100", *wide]) + "\n")
     check(take, P, 100)
-    assert "3 column(s) that are no positions left out (X', Y', Z')" in take.report
+    assert "3 column(s) that are no positions left out (X', Y', Z')" in take.report.notes
 
 
 @pytest.mark.parametrize("hidden", ["0.000", "", "NULL"])
@@ -96,7 +96,7 @@ def test_qualisys(tmp_path, P, titled, hidden):
     take = read(tmp_path, qualisys(P, NAMES, 120, titled, hidden, types=titled), "take.tsv")
     check(take, P, 120)
     if hidden == "0.000":
-        assert "5 position(s) at exactly 0, 0, 0 taken for hidden" in take.report
+        assert "5 position(s) at exactly 0, 0, 0 taken for hidden" in take.report.notes
 
 
 def test_qualisys_bodies_are_refused(tmp_path, P):
@@ -108,7 +108,7 @@ def test_qualisys_bodies_are_refused(tmp_path, P):
 def test_trc(tmp_path, P, unit, size):
     take = read(tmp_path, trc(P / size, NAMES, 60, unit, digits=8), "take.trc")
     check(take, P, 60)
-    assert "axes as in the file, which TRC leaves open" in take.report
+    assert "axes as in the file, which TRC leaves open" in take.report.notes
 
 
 def test_trc_with_tabs_at_the_ends_and_other_line_ends(tmp_path, P):
@@ -122,13 +122,17 @@ def test_trc_with_tabs_at_the_ends_and_other_line_ends(tmp_path, P):
 def test_plain_tables(tmp_path, P, mark, decimal, joint):
     take = read(tmp_path, plain(P, NAMES, mark, decimal, 100, joint=joint))
     check(take, P, 100)
-    assert "no unit in the file: taken as millimetres; another with unit=" in take.report
+    assert "no unit in the file: taken as millimetres; another with unit=" in take.report.notes
 
 
 def test_plain_tables_with_quotes_a_mark_and_windows_line_ends(tmp_path, P):
     lines = [line.split(",") for line in plain(P, NAMES).splitlines()]
     text = "".join(",".join(f'"{c}"' if c else c for c in line) + ",\r\n" for line in lines)
     check(read(tmp_path, "\ufeff" + text), P, 100)
+
+
+def test_a_spreadsheet_in_utf_16_is_read(tmp_path, P):
+    check(read(tmp_path, plain(P, NAMES, "\t").encode("utf-16")), P, 100)
 
 
 def test_plain_tables_need_a_rate_from_somewhere(tmp_path, P):
@@ -159,7 +163,7 @@ def test_times_in_milliseconds_and_units_in_the_header(tmp_path, P):
     take = read(tmp_path, "\n".join(lines))
     np.testing.assert_allclose(take.positions, P, atol=1e-4)
     assert take.fps == 125
-    assert "1 other column(s) left out (quality)" in take.report
+    assert "1 other column(s) left out (quality)" in take.report.notes
 
 
 # --- time -----------------------------------------------------------------------------------------
@@ -180,7 +184,7 @@ def test_frames_missing_in_time_keep_their_place(tmp_path, P, write):
     take = read(tmp_path, text, "take." + {plain: "csv", trc: "trc", qualisys: "tsv"}[write])
     P[20:23] = np.nan
     np.testing.assert_allclose(take.positions, P, atol=2e-5)
-    assert "3 frame(s) missing in time: all markers hidden there" in take.report
+    assert "3 frame(s) missing in time: all markers hidden there" in take.report.notes
 
 
 def test_a_gap_is_no_million_frames(tmp_path, P):
@@ -195,7 +199,7 @@ def test_a_rate_that_the_times_deny_asks_for_a_word(tmp_path, P):
         read(tmp_path, text, "take.trc")
     take = read(tmp_path, text, "take.trc", fps=60)
     assert take.fps == 60
-    assert "60 frames/s as said with fps=, not as in the file" in take.report
+    assert "60 frames/s as said with fps=, not as in the file" in take.report.notes
 
 
 def test_times_out_of_step_are_refused(tmp_path, P):
@@ -272,8 +276,8 @@ def test_what_is_no_table_of_markers_is_refused(tmp_path):
         read(tmp_path, "a,b,c\n1,2,3\n")
     with pytest.raises(ValueError, match="only blank lines"):
         read(tmp_path, "\n\n\n")
-    with pytest.raises(ValueError, match="no text in UTF-8"):
-        read(tmp_path, plain(np.ones((3, 1, 3)), ["a"]).encode("utf-16"))
+    with pytest.raises(ValueError, match="a zero byte; this is a binary file"):
+        read(tmp_path, b"chin_x,chin_y,chin_z\n1,2,\0\n")
     with pytest.raises(ValueError, match="not a TRC file"):
         read(tmp_path, "a,b,c\n1,2,3\n", "take.trc")
     with pytest.raises(ValueError, match="no frames below the header"):
@@ -307,7 +311,7 @@ def contradiction(write):
         rows = [
             line for line in lines if line[:1].isdigit() and line.count("\t") + line.count(",") > 9
         ]
-        lost = sum(int(s.split()[0]) for s in take.report if "missing in time" in s)
+        lost = sum(int(s.split()[0]) for s in take.report.notes if "missing in time" in s)
         cut = any("cut short" in s for s in said) and lines[-1] == rows[-1]
         if take.n_frames - lost + cut != len(rows):
             return f"{take.n_frames} frames out of {len(rows)} rows, {lost} lost"

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from facelab.files.marker_rules import (
+from facelab.files.markers.rules import (
     checked,
     factor_of,
     judged,
@@ -14,7 +14,6 @@ from facelab.files.marker_rules import (
     resolve_names,
     warn,
 )
-from facelab.files.number_table import open_text
 
 _RATES = {  # frames a second of Maya's names for units of time
     "game": 15.0, "film": 24.0, "pal": 25.0, "ntsc": 30.0, "show": 48.0, "palf": 50.0,
@@ -55,8 +54,7 @@ def read_maya(path, unit=None, fps=None, subject=None):
     path, fps = checked(path, "Maya scene", unit, fps, subject)
     if path.suffix.lower() != ".ma" or path.stat().st_size > _MOST_BYTES:
         raise ValueError(f"{path}: give a Maya ASCII scene (.ma) of at most 512 MB.")
-    with open_text(path) as file:
-        text = file.read()
+    text = path.read_bytes().decode("utf-8", "replace").replace("\r\n", "\n")
     if not text.startswith("//Maya ASCII"):
         raise ValueError(f"{path}: not a Maya ASCII scene; it would start with //Maya ASCII.")
     if not text.rstrip().rpartition("\n")[2].startswith("// End of"):

@@ -1,7 +1,7 @@
 """TRC, the marker tables of Motion Analysis and OpenSim: in."""
 
-from facelab.files.marker_rules import checked, factor_of, judged
-from facelab.files.number_table import Table, TextLines, cells, open_text, read_table, stated
+from facelab.files.markers.rows import Lines, Table, cells, read_table, stated
+from facelab.files.markers.rules import checked, factor_of, judged
 
 
 def read_trc(path, unit=None, fps=None, subject=None):
@@ -31,10 +31,8 @@ def read_trc(path, unit=None, fps=None, subject=None):
         header.
     """
     path, fps = checked(path, "TRC file", unit, fps, subject)
-    with open_text(path) as file:
-        lines = TextLines(path, file)
-        table = _header(path, lines, unit)
-        return judged(path, read_table(path, lines, table, fps, subject))
+    lines = Lines(path, "TRC file")
+    return judged(path, read_table(path, lines, _header(path, lines, unit), fps, subject))
 
 
 def _header(path, lines, unit):

@@ -2,7 +2,8 @@
 
 import warnings
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -24,6 +25,39 @@ _SPELLINGS = {
 _ENOUGH = 6  # markers, to judge the size of a face by
 _FARTHEST = 1e6  # mm; no capture volume is a kilometre wide
 _CHUNK = 2**21  # coordinates looked at together
+
+
+@dataclass(frozen=True)
+class MarkerReport:
+    """What a reader of markers found, and what it left out. Print it.
+
+    Attributes
+    ----------
+    path : Path
+    frames, markers : int
+    fps : float
+    hidden : int
+        Positions that are missing, of frames times markers.
+    notes : tuple of str
+        What was left out, renamed, assumed and counted.
+    """
+
+    path: Path
+    frames: int
+    markers: int
+    fps: float
+    hidden: int
+    notes: tuple
+
+    def __str__(self):
+        share = 100 * self.hidden / max(1, self.frames * self.markers)
+        first = (
+            f"{self.path}: {self.frames} frames of {self.markers} markers at {self.fps:.6g} "
+            f"frames/s, {share:.1f} % hidden"
+        )
+        return "\n".join([first, *self.notes])
+
+    __repr__ = __str__
 
 
 def unit_named(text):
@@ -187,8 +221,10 @@ def marker_sequence(path, positions, names, fps, report):
         report.append(f"{zeros} position(s) at exactly 0, 0, 0 taken for hidden")
     if part:
         report.append(f"{part} position(s) with one or two coordinates only taken for hidden")
-    fps = check_number(fps, "fps", above=0)
-    return MarkerSequence(positions, tuple(names), fps, report)
+    markers = MarkerSequence(positions, tuple(names), fps)
+    hidden = int((~markers.visible).sum())
+    found = MarkerReport(path, len(positions), len(names), markers.fps, hidden, tuple(report))
+    return replace(markers, report=found)
 
 
 def judged(path, markers, stacklevel=3):
@@ -199,13 +235,13 @@ def judged(path, markers, stacklevel=3):
     if not len(some):
         return markers
     box = np.median(np.nanmax(some, axis=1) - np.nanmin(some, axis=1), axis=0)
-    scale = face_scale([0 * box, box])
+    scale = face_scale(float(box.max()))
     if scale == 1:
         return markers
     said = f"the markers fill {box[0]:.4g} x {box[1]:.4g} x {box[2]:.4g} mm, which is no face"
     if scale is not None:
         meant = next((u for u, mm in MM_PER_UNIT.items() if mm == scale), "tenths of a millimetre")
         said += f"; times {scale:g} it would be one, as if the unit were {meant}: see unit="
-    report = []
-    warn(path, report, said, stacklevel + 1)
-    return replace(markers, report=[*markers.report, *report])
+    notes = list(markers.report.notes)
+    warn(path, notes, said, stacklevel + 1)
+    return replace(markers, report=replace(markers.report, notes=tuple(notes)))

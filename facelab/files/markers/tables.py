@@ -4,17 +4,16 @@ import re
 
 import numpy as np
 
-from facelab.files.marker_rules import MM_PER_UNIT, checked, factor_of, judged, listed
-from facelab.files.number_table import (
+from facelab.files.markers.rows import (
+    Lines,
     Table,
-    TextLines,
     cells,
     delimiter_of,
     left_out,
-    open_text,
     read_table,
     stated,
 )
+from facelab.files.markers.rules import MM_PER_UNIT, checked, factor_of, judged, listed
 
 _NEXUS_PARTS = ("trajectories", "devices", "joints", "model outputs", "events")
 _AXIS_NAME = re.compile(r"(.*?)[\s_.:|-]*([xyzXYZ])(?:\s*[\[(]([^\])]*)[\])])?")
@@ -55,22 +54,21 @@ def read_marker_table(path, unit=None, fps=None, subject=None):
         Naming file, line and column.
     """
     path, fps = checked(path, "table of markers", unit, fps, subject)
-    with open_text(path) as file:
-        lines = TextLines(path, file)
-        start = next(lines.rows(1), None)
-        if start is None:
-            raise ValueError(f"{path}: only blank lines in it.")
-        first = start[1].strip().lower()
-        head = re.split(r"[\t;,]", first)[0].strip('" ')
-        if head == "format version":
-            table = _motive(path, lines, start[1], unit)
-        elif head in _NEXUS_PARTS:
-            table = _nexus(path, lines, head, unit)
-        elif head.startswith("no_of_"):
-            table = _qualisys(path, lines, start[1], unit)
-        else:
-            table = _plain(path, lines, start[1], unit)
-        return judged(path, read_table(path, lines, table, fps, subject))
+    lines = Lines(path, "table of markers")
+    start = next(lines.rows(1), None)
+    if start is None:
+        raise ValueError(f"{path}: only blank lines in it.")
+    first = start[1].strip().lower()
+    head = re.split(r"[\t;,]", first)[0].strip('" ')
+    if head == "format version":
+        table = _motive(path, lines, start[1], unit)
+    elif head in _NEXUS_PARTS:
+        table = _nexus(path, lines, head, unit)
+    elif head.startswith("no_of_"):
+        table = _qualisys(path, lines, start[1], unit)
+    else:
+        table = _plain(path, lines, start[1], unit)
+    return judged(path, read_table(path, lines, table, fps, subject))
 
 
 def _triples(path, number, columns):

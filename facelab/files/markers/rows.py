@@ -1,74 +1,65 @@
 """Rows of numbers out of text: fast, strict, in pieces; and the beat of their frames."""
 
-import codecs
 import csv
 import re
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from facelab.files.marker_rules import listed, marker_sequence, resolve_names, warn
+from facelab.files.markers.rules import listed, marker_sequence, resolve_names, warn
+from facelab.files.text import text_lines
 
 _BLOCK = 2**22  # characters parsed together
-_BLANK = " \t,;\n"  # a line of these alone holds nothing
+_BLANK = " \t,;"  # a line of these alone holds nothing
 _NOTHING = ("", "nan", "null")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
-class TextLines:
-    """Lines of a text file, one after another, with their numbers; refuses what is no text."""
+class Lines:
+    """Lines of a text file, one after another, with their numbers.
 
-    def __init__(self, path, file):
+    Attributes
+    ----------
+    number : int
+        Of the line read last, counted from 1.
+    whole : bool
+        False if that one has no line end.
+    """
+
+    def __init__(self, path, what):
         self.path, self.number, self.whole = path, 0, True
-        self._file, self._held = file, []
+        self._lines, self._held = text_lines(path, what), []
 
     def next(self):
-        """The next line without its end, or None; `number` counts it."""
-        line = self._held.pop() if self._held else self._file.readline()
-        if not line:
+        """The next line without its end, or None."""
+        found = self._held.pop() if self._held else next(self._lines, None)
+        if found is None:
             return None
-        self._check(line)
-        self.number += 1
-        return line.rstrip("\n")
+        self.number, line, self.whole = found
+        return line
 
     def back(self, line):
         """Give the line read last back."""
-        self._held.append(line + "\n")
+        self._held.append((self.number, line, self.whole))
         self.number -= 1
 
-    def rows(self, n=None):
+    def rows(self, n):
         """Up to n lines that are not blank, as (number, line)."""
-        while n is None or n > 0:
-            line = self.next()
-            if line is None:
-                return
+        while n > 0 and (line := self.next()) is not None:
             if line.strip(_BLANK):
                 yield self.number, line
-                n = None if n is None else n - 1
+                n -= 1
 
     def blocks(self):
         """Lists of lines, with the number of the first."""
-        while lines := self._held[::-1] or self._file.readlines(_BLOCK):
-            self._held = []
-            first, self.number = self.number + 1, self.number + len(lines)
-            self.whole = lines[-1].endswith("\n")
-            yield first, lines
-
-    def _check(self, line):
-        if "\0" in line:
-            raise ValueError(f"{self.path}: this is no text in UTF-8; export it as such.")
-
-
-def open_text(path):
-    """The file for `TextLines`: any line end, UTF-8 with or without its mark, else Latin-1."""
-    with open(path, "rb") as file:
-        start = file.read(_BLOCK)
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(start)
-        encoding = "utf-8-sig"
-    except UnicodeDecodeError:
-        encoding = "latin-1"
-    return open(path, encoding=encoding, errors="replace")
+        while True:
+            block, size = [], 0
+            while size < _BLOCK and (line := self.next()) is not None:
+                block.append(line)
+                size += len(line) + 1
+            if not block:
+                return
+            yield self.number - len(block) + 1, block
 
 
 def cells(line, delimiter):
@@ -140,7 +131,7 @@ def read_table(path, lines, table, fps, subject):
     Parameters
     ----------
     path : Path
-    lines : TextLines
+    lines : Lines
         Behind the header.
     table : Table
     fps : float or None
@@ -155,9 +146,10 @@ def read_table(path, lines, table, fps, subject):
     names, kept = resolve_names(path, [name for name, _ in table.markers], subject, report)
     place = {column: i for i, column in enumerate(table.used)}
     axes = np.array([[place[column] for column in table.markers[i][1]] for i in kept])
-    size = path.stat().st_size
     n_columns = len(table.columns)
-    most = min(_count_lines(path), size // max(1, n_columns - 1) + 1)  # a cell takes a byte
+    most = min(
+        _count_lines(path), path.stat().st_size // max(1, n_columns - 1) + 1
+    )  # a cell, a byte
     positions = np.empty((most, len(names), 3), dtype=np.float32)
     counted = {key: [] for key in ("frame", "time") if getattr(table, key) is not None}
     numbers, n = [], 0
@@ -203,7 +195,7 @@ def _count_lines(path):
 def _number_blocks(path, lines, table):
     """Arrays of line numbers and of values, shape (n_rows, n_columns); NaN for an empty cell."""
     counted = table.frame is not None or table.time is not None
-    blank = _BLANK if counted else " \n"  # else a row of empty cells is a frame of hidden markers
+    blank = _BLANK if counted else " "  # else a row of empty cells is a frame of hidden markers
     for first, block in lines.blocks():
         full = [(n, row) for n, row in enumerate(block, first) if row.strip(blank)]
         ended = table.until_blank and len(full) < len(block)
@@ -233,7 +225,6 @@ def _trimmed(path, lines, table, rows):
     n_columns, mark = len(table.columns), table.delimiter
     fitting = []
     for number, row in rows:
-        row = row.rstrip("\n")
         count = row.count(mark) + 1
         while count > n_columns and row.rstrip(" ").endswith(mark):
             row, count = row.rstrip(" ")[:-1], count - 1

@@ -8,7 +8,7 @@ import pytest
 from c3d_maker import Maker
 from mutants import tally
 
-from facelab.files.c3d import read_c3d, write_c3d
+from facelab.files import read_c3d, write_c3d
 from facelab.motion import MarkerSequence
 
 
@@ -113,8 +113,8 @@ def test_hidden_is_what_any_maker_means_by_it(tmp_path):
     (tmp_path / "o.c3d").write_bytes(data)
     read = read_c3d(tmp_path / "o.c3d")
     np.testing.assert_array_equal(np.argwhere(~read.visible), [[1, 0], [2, 1], [3, 2]])
-    assert "1 position(s) at exactly 0, 0, 0 taken for hidden" in read.report
-    assert "1 position(s) with one or two coordinates only taken for hidden" in read.report
+    assert "1 position(s) at exactly 0, 0, 0 taken for hidden" in read.report.notes
+    assert "1 position(s) with one or two coordinates only taken for hidden" in read.report.notes
 
 
 # --- names ----------------------------------------------------------------------------------------
@@ -124,7 +124,7 @@ def test_labels_lose_their_blanks_and_points_without_one_get_one(tmp_path):
     maker = Maker(np.ones((3, 4, 3)), ["  chin ", "", "nose tip"])
     read = read_c3d(maker.write(tmp_path / "l.c3d"))
     assert read.names == ("chin", "unlabelled_2", "nose tip", "unlabelled_4")
-    assert "2 marker(s) without a name called unlabelled_2, ..." in read.report
+    assert "2 marker(s) without a name called unlabelled_2, ..." in read.report.notes
 
 
 def test_outputs_of_a_model_are_no_markers(tmp_path, points):
@@ -137,7 +137,7 @@ def test_outputs_of_a_model_are_no_markers(tmp_path, points):
     read = read_c3d(maker.write(tmp_path / "m.c3d"))
     assert read.names == ("chin", "nose_tip")
     np.testing.assert_array_equal(read.positions, points[:, [0, 2]].astype(np.float32))
-    assert "2 output(s) of a model left out: 1 angles, 1 moments" in read.report
+    assert "2 output(s) of a model left out: 1 angles, 1 moments" in read.report.notes
 
 
 def test_a_file_of_nothing_but_angles_is_refused(tmp_path):
@@ -153,7 +153,7 @@ def test_the_prefix_of_one_subject_goes(tmp_path):
     )
     read = read_c3d(path)
     assert read.names == ("chin", "nose_tip", "lip")
-    assert "prefix Anna: taken off the names" in read.report
+    assert "prefix Anna: taken off the names" in read.report.notes
 
 
 def test_of_two_subjects_one_can_be_chosen(tmp_path, points):
@@ -162,12 +162,13 @@ def test_of_two_subjects_one_can_be_chosen(tmp_path, points):
     both = read_c3d(path)
     assert both.names == tuple(labels)
     assert (
-        "2 subjects (Anna, Bob): names keep their prefix; choose one with subject=" in both.report
+        "2 subjects (Anna, Bob): names keep their prefix; choose one with subject="
+        in both.report.notes
     )
     anna = read_c3d(path, subject="Anna")
     assert anna.names == ("chin", "nose_tip")
     np.testing.assert_array_equal(anna.positions, both.positions[:, [0, 2]])
-    assert "2 marker(s) of other subjects or of none left out (Bob)" in anna.report
+    assert "2 marker(s) of other subjects or of none left out (Bob)" in anna.report.notes
     with pytest.raises(ValueError, match="subject='Carl' is not in it; it has Anna, Bob"):
         read_c3d(path, subject="Carl")
 
@@ -214,7 +215,9 @@ def test_a_wrong_count_of_frames_gives_way_to_the_right_one(tmp_path, points, ki
         maker.parameters["POINT:FRAMES"] = 12
     read = read_c3d(maker.write(tmp_path / "f.c3d"))
     np.testing.assert_array_equal(read.positions, points.astype(np.float32))
-    assert any("30 frames by the size of the file; it says: the header" in s for s in read.report)
+    assert any(
+        "30 frames by the size of the file; it says: the header" in s for s in read.report.notes
+    )
 
 
 def test_a_count_that_is_short_by_a_frame_is_found_by_what_lies_there(tmp_path, points):
@@ -407,7 +410,7 @@ def test_a_disk_that_loses_what_it_was_given_is_found_out(path, markers, monkeyp
 
         os.ftruncate(handle, 2048)
 
-    monkeypatch.setattr("facelab.files.c3d.os.fsync", lose)
+    monkeypatch.setattr("facelab.files.markers.c3d_write.os.fsync", lose)
     with pytest.raises(ValueError, match=r"cannot be kept in a C3D file: .*take\.c3d: .*cut short"):
         write_c3d(path, markers)
     assert path.read_bytes() == before
@@ -458,7 +461,7 @@ def test_a_long_take_is_read_within_its_own_size(tmp_path):
     """Beside the positions that are handed over, only pieces of the file are held."""
     code = f"""
 import resource, numpy as np
-from facelab.files.c3d import read_c3d, write_c3d
+from facelab.files import read_c3d, write_c3d
 from facelab.motion import MarkerSequence
 P = np.zeros((20000, 150, 3), dtype=np.float32) + 1
 write_c3d({str(tmp_path / "l.c3d")!r}, MarkerSequence(P, [f"m{{i}}" for i in range(150)], 120))
@@ -466,7 +469,7 @@ write_c3d({str(tmp_path / "l.c3d")!r}, MarkerSequence(P, [f"m{{i}}" for i in ran
     subprocess.run([sys.executable, "-c", code], check=True)
     code = f"""
 import resource
-from facelab.files.c3d import read_c3d
+from facelab.files import read_c3d
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 take = read_c3d({str(tmp_path / "l.c3d")!r})
 print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 / take.positions.nbytes)
