@@ -17,6 +17,9 @@ endif
 ifneq ($(wildcard $(DATA)/captures/*.csv),)
 export FACELAB_CAPTURES ?= $(abspath $(DATA)/captures)
 endif
+ifneq ($(wildcard $(DATA)/captures/animface/*.ma),)
+export FACELAB_ANIMFACE ?= $(abspath $(DATA)/captures/animface)
+endif
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 
 .PHONY: help lab app env data test lint unit test-notebooks browser test-browser test-all \

@@ -35,7 +35,7 @@ from data_synth.performance import (
 )
 from data_synth.units import UNITS
 from facelab.checks import check_choice
-from facelab.files.c3d import read_own_c3d, write_c3d
+from facelab.files import read_c3d, write_c3d
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MarkerSequence, WeightSequence
 from facelab.storage import load_npz, save_npz
@@ -725,7 +725,7 @@ class Capture:
         ValueError
             For an unknown take; the message lists those there are.
         """
-        return read_own_c3d(self.path(take))  # its checksum was verified
+        return read_c3d(self.path(take))  # its checksum was verified
 
     def truth(self, take):
         """What lies behind the markers of a take: Truth."""

@@ -37,12 +37,13 @@ from facelab.data import (
     DataUnavailable,
     load_example,
     load_ict_facekit,
+    load_markers,
     load_registered,
     load_take,
     load_template,
 )
 from facelab.expression import ExpressionSession, IntermediateSpace, regress_expression
-from facelab.files import read_mesh, read_rig, read_weights
+from facelab.files import read_markers, read_mesh, read_rig, read_weights
 from facelab.geometry import TriangleMesh, bind
 from facelab.models import HolisticModel, RegionModel, rms_error
 from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
@@ -72,12 +73,14 @@ __all__ = [
     "geometry",
     "load_example",
     "load_ict_facekit",
+    "load_markers",
     "load_registered",
     "load_take",
     "load_template",
     "models",
     "numeric",
     "posing",
+    "read_markers",
     "read_mesh",
     "read_rig",
     "read_weights",

@@ -415,6 +415,8 @@ class MarkerSequence(_Sequence):
         Name of each marker, each once.
     fps : float
         Frames a second.
+    report : object, optional
+        What the reader of the file found, printable; stays with every part of the sequence.
 
     Examples
     --------
@@ -429,6 +431,7 @@ class MarkerSequence(_Sequence):
     positions: np.ndarray
     names: tuple
     fps: float
+    report: object = None
 
     def __post_init__(self):
         names = tuple(self.names)
@@ -507,6 +510,27 @@ class MarkerSequence(_Sequence):
             )
         columns = [self.names.index(name) for name in names]
         return replace(self, positions=self.positions[:, columns], names=names)
+
+    def renamed(self, mapping):
+        """The same markers under other names.
+
+        Parameters
+        ----------
+        mapping : dict of str to str
+            Old name to new; markers that it does not have keep theirs.
+
+        Raises
+        ------
+        ValueError
+            For names that the sequence does not have, and if two markers would be called the same.
+        """
+        unknown = sorted(set(mapping) - set(self.names))
+        if unknown:
+            raise ValueError(
+                f"mapping has {', '.join(unknown)}, which are no markers of this sequence; it has "
+                f"{', '.join(self.names)}."
+            )
+        return replace(self, names=tuple(mapping.get(name, name) for name in self.names))
 
     def with_gaps(self, share, seconds=0.12, random_state=None):
         """The same markers with more of them occluded, in bursts.

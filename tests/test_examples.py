@@ -9,7 +9,11 @@ import pytest
 import facelab
 
 NAMES = [n for n in facelab.__all__ if not inspect.ismodule(getattr(facelab, n))]
-DOWNLOADED = {"load_ict_facekit": "FACELAB_ICT", "load_take": "FACELAB_CAPTURES"}
+DOWNLOADED = {
+    "load_ict_facekit": "FACELAB_ICT",
+    "load_markers": "FACELAB_ANIMFACE",
+    "load_take": "FACELAB_CAPTURES",
+}
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -4,11 +4,14 @@ from facelab.data.actors import load_capture, load_template
 from facelab.data.cache import DataUnavailable, cache_dir
 from facelab.data.examples import Example, load_example, synthetic_props
 from facelab.data.ict import ICT_AREAS, load_ict_facekit, load_ict_props
+from facelab.data.markers import ANIMFACE_LANDMARKS, MARKERS, load_markers
 from facelab.data.registered import RegisteredActor, load_registered
 from facelab.data.takes import TAKES, load_take
 
 __all__ = [
+    "ANIMFACE_LANDMARKS",
     "ICT_AREAS",
+    "MARKERS",
     "TAKES",
     "DataUnavailable",
     "Example",
@@ -18,6 +21,7 @@ __all__ = [
     "load_example",
     "load_ict_facekit",
     "load_ict_props",
+    "load_markers",
     "load_registered",
     "load_take",
     "load_template",

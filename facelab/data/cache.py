@@ -73,8 +73,7 @@ def download(url, name, sha256, folder):
     except ValueError as error:  # not a matter of the network: what came is not what was pinned
         raise ValueError(
             f"{name} was downloaded, but is not the file it should be: {error} Try again; if that "
-            "does not help, copy the data to this machine and name its folder in FACELAB_ICT or "
-            "FACELAB_CAPTURES."
+            f"does not help, {remedy}"
         ) from None
     except Exception as error:  # no network, a server's refusal
         raise DataUnavailable(

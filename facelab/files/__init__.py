@@ -1,7 +1,7 @@
 """One room for each kind of file, in and out."""
 
-from facelab.files.c3d import read_c3d, write_c3d
 from facelab.files.gltf import write_clip_glb, write_glb
+from facelab.files.markers import read_c3d, read_markers, write_c3d
 from facelab.files.meshes import read_mesh, read_parts
 from facelab.files.obj import read_obj, write_obj
 from facelab.files.ply import write_ply
@@ -21,6 +21,7 @@ __all__ = [
     "read_c3d",
     "read_live_link_csv",
     "read_log",
+    "read_markers",
     "read_mesh",
     "read_obj",
     "read_parts",

@@ -22,7 +22,7 @@ from data_synth.capture import (
 )
 from data_synth.performance import SENTENCES
 from facelab.data.actors import load_capture
-from facelab.files.c3d import read_c3d
+from facelab.files import read_c3d
 from facelab.geometry.mesh import MULTI_PIE
 
 TINY = Size(30.0, SIZES["small"].n_vertices, ("pride_1", "rage_5"), 3.0, 2)

@@ -1,0 +1,247 @@
+"""What every reader of markers does alike: units, names, subjects, hidden markers, size, report."""
+
+import warnings
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from facelab.checks import check_number, check_type
+from facelab.geometry.size import face_scale
+from facelab.motion import MarkerSequence
+from facelab.storage import existing_file
+
+MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
+
+_SPELLINGS = {
+    "mm": ("millimeter", "millimetre"),
+    "cm": ("centimeter", "centimetre"),
+    "dm": ("decimeter", "decimetre"),
+    "m": ("meter", "metre"),
+    "in": ("inch", "inche"),
+    "ft": ("foot", "feet"),
+}
+_ENOUGH = 6  # markers, to judge the size of a face by
+_FARTHEST = 1e6  # mm; no capture volume is a kilometre wide
+_CHUNK = 2**21  # coordinates looked at together
+
+
+@dataclass(frozen=True)
+class MarkerReport:
+    """What a reader of markers found, and what it left out. Print it.
+
+    Attributes
+    ----------
+    path : Path
+    frames, markers : int
+    fps : float
+    hidden : int
+        Positions that are missing, of frames times markers.
+    notes : tuple of str
+        What was left out, renamed, assumed and counted.
+    """
+
+    path: Path
+    frames: int
+    markers: int
+    fps: float
+    hidden: int
+    notes: tuple
+
+    def __str__(self):
+        share = 100 * self.hidden / max(1, self.frames * self.markers)
+        first = (
+            f"{self.path}: {self.frames} frames of {self.markers} markers at {self.fps:.6g} "
+            f"frames/s, {share:.1f} % hidden"
+        )
+        return "\n".join([first, *self.notes])
+
+    __repr__ = __str__
+
+
+def unit_named(text):
+    """The unit that a file means ("mm" for " Millimeters"), or None where it is no length."""
+    word = text.strip().strip("[]()").rstrip(".").strip().lower()
+    if word in MM_PER_UNIT:
+        return word
+    singular = word[:-1] if word.endswith("s") else word
+    return next((unit for unit, words in _SPELLINGS.items() if singular in words), None)
+
+
+def checked(path, what, unit, fps, subject):
+    """The arguments that all readers of markers share, or a refusal: (path, fps)."""
+    path = existing_file(path, what)
+    if unit is not None and not isinstance(unit, str):
+        raise TypeError(f"unit={unit!r} is not a string; name one of {', '.join(MM_PER_UNIT)}.")
+    if unit is not None and unit not in MM_PER_UNIT:
+        raise ValueError(f"unit={unit!r} is unknown; choose one of {', '.join(MM_PER_UNIT)}.")
+    if subject is not None:
+        check_type(subject, "subject", str, "give what stands before the colon of a name")
+    return path, None if fps is None else check_number(fps, "fps", above=0)
+
+
+def factor_of(path, said, unit, what):
+    """Millimetres in the unit that the caller gave, or in the one that the file names."""
+    unit = unit or unit_named(said)
+    if unit is None:
+        raise ValueError(
+            f"{path}: {what} is {said[:40]!r}, readable are {', '.join(MM_PER_UNIT)}; say what it "
+            'is with unit="mm".'
+        )
+    return MM_PER_UNIT[unit]
+
+
+def listed(names, most=6):
+    """Names as one reads them in a sentence, the first few of many."""
+    names = list(names)
+    rest = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + rest
+
+
+def warn(path, report, text, stacklevel=4):
+    """Say something about a file at once, and keep it in its report."""
+    report.append(text)
+    warnings.warn(f"{path}: {text}.", stacklevel=stacklevel)
+
+
+def resolve_names(path, labels, subject, report):
+    """Names of the markers, and which of the file's points they are.
+
+    A prefix that ends in a colon is the subject's name: it goes where there is one subject, stays
+    where there are several, unless one is chosen. Doubled names are numbered, points without a
+    name get one.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    labels : list of str or None
+        One for each point, "" for points without a name, None for those that are no markers.
+    subject : str or None
+    report : list of str
+        Sentences are added.
+
+    Returns
+    -------
+    names : list of str
+    columns : ndarray of int
+        Points that are kept, in the order of the file.
+    """
+    columns = [i for i, label in enumerate(labels) if label is not None]
+    if not columns:
+        raise ValueError(f"{path}: no markers in it.")
+    split = [labels[i].strip().rpartition(":") for i in columns]
+    subjects = Counter(before.strip() for before, colon, _ in split if colon)
+    if subject is not None:
+        if subject not in subjects:
+            raise ValueError(
+                f"{path}: subject={subject!r} is not in it; "
+                + (f"it has {listed(subjects)}." if subjects else "its names have no prefix.")
+            )
+        chosen = [bool(colon) and before.strip() == subject for before, colon, _ in split]
+        if not all(chosen):
+            others = [s for s in subjects if s != subject]
+            report.append(
+                f"{chosen.count(False)} marker(s) of other subjects or of none left out "
+                f"({listed(others) or 'no prefix'})"
+            )
+        columns = [c for c, keep in zip(columns, chosen, strict=True) if keep]
+        split = [s for s, keep in zip(split, chosen, strict=True) if keep]
+    if len(subjects) > 1 and subject is None:
+        names = [before + colon + name for before, colon, name in split]
+        report.append(
+            f"{len(subjects)} subjects ({listed(subjects)}): names keep their prefix; choose one "
+            "with subject="
+        )
+    else:
+        names = [name.strip() for _, _, name in split]
+        if subjects:
+            report.append(f"prefix {subject or next(iter(subjects))}: taken off the names")
+    nameless = [i for i, name in enumerate(names) if not name.strip(": ")]
+    for i in nameless:
+        names[i] = f"unlabelled_{columns[i] + 1}"
+    if nameless:
+        report.append(f"{len(nameless)} marker(s) without a name called {names[nameless[0]]}, ...")
+    return _numbered(path, names, report), np.array(columns)
+
+
+def _numbered(path, names, report):
+    """The names, each once: `chin`, `chin_2`, `chin_3`."""
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if not twice:
+        return names
+    taken, seen, numbered = set(names), Counter(), []
+    for name in names:
+        seen[name] += 1
+        if seen[name] > 1:
+            stem = name
+            while (name := f"{stem}_{seen[stem]}") in taken:
+                seen[stem] += 1
+            taken.add(name)
+        numbered.append(name)
+    warn(path, report, f"name(s) that stand more than once were numbered: {listed(twice)}", 5)
+    return numbered
+
+
+def marker_sequence(path, positions, names, fps, report):
+    """The markers of a file as a sequence: hidden ones marked, nonsense refused, size judged.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    positions : ndarray of shape (n_frames, n_markers, 3)
+        Millimetres; NaN where hidden. Changed in place: exact zeros and positions seen in part
+        become NaN.
+    names : list of str
+    fps : float
+    report : list of str
+        Sentences are added.
+    """
+    zeros = part = 0
+    rows = max(1, _CHUNK // max(1, 3 * len(names)))
+    for first in range(0, len(positions), rows):
+        some = positions[first : first + rows]
+        missing = np.isnan(some)
+        far = np.abs(some) > _FARTHEST
+        if far.any():
+            frame, marker, axis = (int(i) for i in np.argwhere(far)[0])
+            raise ValueError(
+                f"{path}: damaged, or in another unit: {names[marker]} in frame {first + frame} "
+                f"(counted from 0) lies at {'xyz'[axis]} = {some[frame, marker, axis]:.4g} mm, "
+                "more than a kilometre away."
+            )
+        origin = (some == 0).all(axis=2)
+        halves = missing.any(axis=2) & ~missing.all(axis=2)
+        some[origin | halves] = np.nan
+        zeros += int(origin.sum())
+        part += int(halves.sum())
+    if zeros:
+        report.append(f"{zeros} position(s) at exactly 0, 0, 0 taken for hidden")
+    if part:
+        report.append(f"{part} position(s) with one or two coordinates only taken for hidden")
+    markers = MarkerSequence(positions, tuple(names), fps)
+    hidden = int((~markers.visible).sum())
+    found = MarkerReport(path, len(positions), len(names), markers.fps, hidden, tuple(report))
+    return replace(markers, report=found)
+
+
+def judged(path, markers, stacklevel=3):
+    """The sequence, with a warning and a word in its report if its size is no face's."""
+    picked = np.unique(np.linspace(0, markers.n_frames - 1, 200).astype(int))
+    some = markers.positions[picked].astype(float)
+    some = some[np.isfinite(some[..., 0]).sum(axis=1) >= _ENOUGH]
+    if not len(some):
+        return markers
+    box = np.median(np.nanmax(some, axis=1) - np.nanmin(some, axis=1), axis=0)
+    scale = face_scale(float(box.max()))
+    if scale == 1:
+        return markers
+    said = f"the markers fill {box[0]:.4g} x {box[1]:.4g} x {box[2]:.4g} mm, which is no face"
+    if scale is not None:
+        meant = next((u for u, mm in MM_PER_UNIT.items() if mm == scale), "tenths of a millimetre")
+        said += f"; times {scale:g} it would be one, as if the unit were {meant}: see unit="
+    notes = list(markers.report.notes)
+    warn(path, notes, said, stacklevel + 1)
+    return replace(markers, report=replace(markers.report, notes=tuple(notes)))
