@@ -28,7 +28,8 @@ from facelab.expression.units import (
     sketch_displacement,
     sketch_vertices,
 )
-from facelab.numeric.least_squares import along_path, kkt_residual, single_threaded, weights_over
+from facelab.numeric.least_squares import along_path, kkt_residual, weights_over
+from facelab.numeric.threads import single_threaded
 
 __all__ = [
     "CRITERIA",

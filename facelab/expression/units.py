@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from facelab.checks import as_finite, check_choice, check_number, check_type
 from facelab.geometry.mesh import TriangleMesh
-from facelab.numeric.least_squares import one_thread
+from facelab.numeric.threads import one_thread
 from facelab.rig import BlendshapeRig
 
 MISALIGNED = 2.0
