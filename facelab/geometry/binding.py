@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from facelab.checks import as_finite, check_number
-from facelab.geometry.closest import closest
+from facelab.geometry.closest import closest_points
 from facelab.geometry.mesh import TriangleMesh, vertex_normals
 from facelab.numeric.sparse import SparseFactor
 from facelab.numeric.threads import one_thread
@@ -211,7 +211,7 @@ def bind_to_surface(mesh, points):
     the offset in the frame of the interpolated normal is ours.
     """
     P = as_finite(getattr(points, "vertices", points), "points", ("n_points", 3))
-    face, barycentric = closest(mesh, P)
+    face, barycentric = closest_points(mesh, P)
     foot, frames = _feet(mesh.vertices, mesh.faces, face, barycentric)
     return SurfaceBinding(mesh, face, barycentric, (frames @ (P - foot)[..., None])[..., 0])
 
