@@ -267,8 +267,8 @@ class IntermediateSpace:
         """
         if isinstance(sketch, TriangleMesh) and (register or not _alike(sketch, self.target)):
             V = fit_scan(self.rig.neutral, sketch, preset=self.preset).mesh.vertices
-            head = find_alignment(self.rig, V)  # the landmarks alone take an open jaw for a nod
-            return V @ head.rotation.T + head.shift
+            # the landmarks alone take an open jaw for a nod
+            return find_alignment(self.rig, V).apply(V)
         V = sketch_positions(sketch)
         if V.shape != self.target.vertices.shape:
             raise ValueError(
