@@ -17,6 +17,8 @@ from data_synth.action_units import action_rig
 from data_synth.template import build_template
 from data_synth.units import UNIT_TABLE
 from facelab.data.ict import load_ict_facekit
+from facelab.geometry.alignment import procrustes
+from facelab.geometry.closest import closest_points
 from facelab.geometry.mesh import MULTI_PIE
 
 
@@ -65,9 +67,9 @@ def correspondence(rig, scan, reach=4.0):
     """
     ours = rig.neutral.vertices[[rig.neutral.landmarks[k] for k in MULTI_PIE]]
     theirs = scan.neutral.vertices[[scan.neutral.landmarks[k] for k in MULTI_PIE]]
-    turn, shift = _similarity(theirs, ours)
-    V = scan.neutral.vertices @ turn.T + shift
-    V = V + RBFInterpolator(theirs @ turn.T + shift, ours - (theirs @ turn.T + shift))(V)
+    over = procrustes(theirs, ours, scale=True)
+    V, near = over.apply(scan.neutral.vertices), over.apply(theirs)
+    V = V + RBFInterpolator(near, ours - near)(V)
     normals = scan.neutral.with_vertices(V).normals
     # normals tell upper from lower lip, and the lid's front from its back
     pull = 6.0
@@ -78,40 +80,29 @@ def correspondence(rig, scan, reach=4.0):
     facing = np.einsum("vkd,vd->vk", normals[partners], rig.neutral.normals).min(1) > 0.5
     vertices = np.flatnonzero((distance.min(1) < reach) & facing)
     shares = 1.0 / np.maximum(distance[vertices], 0.1)
-    return vertices, partners[vertices], shares / shares.sum(1, keepdims=True), turn
+    shares /= shares.sum(1, keepdims=True)
+    return vertices, partners[vertices], shares, over.scale * over.rotation
 
 
-def _similarity(source, target):
-    """Scaled rotation (3, 3) and shift (3,) of the best similarity, source to target."""
-    a, b = source - source.mean(0), target - target.mean(0)
-    U, S, Vt = np.linalg.svd(b.T @ a)
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
-    turn = (S * sign).sum() / (a**2).sum() * (U * sign) @ Vt
-    return turn, target.mean(0) - turn @ source.mean(0)
-
-
-def distances(mesh, scan, n=6):
+def distances(mesh, scan):
     """How far a face lies from a scanned one, laid over it by a similarity of the 68 landmarks.
 
     Parameters
     ----------
     mesh, scan : TriangleMesh
         Both with the 68 landmarks.
-    n : int, default=6
-        The scan is sampled at (n + 1) (n + 2) / 2 points of each triangle.
 
     Returns
     -------
     ndarray of shape (n_vertices,)
-        From each vertex of `mesh` to the nearest sample of the scan's surface, millimetres of
-        `mesh`: never too small, too large by a sample's spacing at most.
+        From each vertex of `mesh` to the nearest place of the scan's surface, millimetres of
+        `mesh`.
     """
     ours, theirs = (m.vertices[[m.landmarks[k] for k in MULTI_PIE]] for m in (mesh, scan))
-    turn, shift = _similarity(theirs, ours)
-    corners = (scan.vertices @ turn.T + shift)[scan.faces]
-    steps = [(i, j, n - i - j) for i in range(n + 1) for j in range(n + 1 - i)]
-    samples = np.einsum("kc,fcd->fkd", np.array(steps) / n, corners)
-    return cKDTree(samples.reshape(-1, 3)).query(mesh.vertices)[0]
+    over = scan.with_vertices(procrustes(theirs, ours, scale=True).apply(scan.vertices))
+    faces, barycentric = closest_points(over, mesh.vertices)
+    places = np.einsum("vc,vcd->vd", barycentric, over.vertices[over.faces[faces]])
+    return np.linalg.norm(places - mesh.vertices, axis=1)
 
 
 def compare(rig=None, scan=None):

@@ -16,9 +16,9 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from facelab.geometry.mesh import TriangleMesh
+from facelab.numeric.sparse import SparseFactor
 
 _AVERAGE_BREADTH = 143.4  # mm between the outermost jaw landmarks of the average face
 
@@ -89,9 +89,7 @@ class Skin:
 
     def _factor(self, key, matrix):
         if key not in self._known:
-            self._known[key] = splu(
-                sp.csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-            )
+            self._known[key] = SparseFactor(matrix)
         return self._known[key]
 
     def smooth(self, field, length):

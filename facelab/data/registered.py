@@ -15,10 +15,11 @@ from tqdm.auto import tqdm
 from facelab.checks import check_number
 from facelab.data.actors import load_capture, load_template
 from facelab.data.cache import cache_dir
-from facelab.geometry import alignment, mesh
+from facelab.geometry import alignment, closest, mesh
 from facelab.geometry.alignment import Alignment, procrustes
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MotionSequence
+from facelab.numeric import sparse
 from facelab.registration import fit, layout, sequence, warp
 from facelab.registration.fit import MarkerFit, fit_markers, rest_markers
 from facelab.registration.sequence import register_sequence
@@ -227,7 +228,8 @@ def load_registered(actor, size="default", random_state=0, fps=15.0, progress=Tr
 def _stamp(manifest):
     """What the result hangs on: the capture and the code that registers it."""
     digest = hashlib.sha256(manifest.read_bytes())
-    for path in (*(m.__file__ for m in (alignment, mesh, warp, fit, layout, sequence)), __file__):
+    modules = (alignment, closest, mesh, sparse, warp, fit, layout, sequence)
+    for path in (*(m.__file__ for m in modules), __file__):
         digest.update(Path(path).read_bytes())
     return digest.hexdigest()[:12]
 

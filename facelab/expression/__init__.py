@@ -11,7 +11,7 @@ from facelab.expression.regression import (
 from facelab.expression.sequence import regress_sequence
 from facelab.expression.session import ExpressionSession
 from facelab.expression.transfer import METHODS, IntermediateSpace, SimplifiedRig, UnitCarrier
-from facelab.expression.units import UnitBasis, prepare_units
+from facelab.expression.units import UnitBasis, find_alignment, prepare_units
 
 __all__ = [
     "CRITERIA",
@@ -22,6 +22,7 @@ __all__ = [
     "SimplifiedRig",
     "UnitBasis",
     "UnitCarrier",
+    "find_alignment",
     "held_out_error",
     "least_squares",
     "prepare_units",

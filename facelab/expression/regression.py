@@ -16,33 +16,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from facelab.checks import as_finite, check_choice, check_count, check_number
-from facelab.expression.sequence import regress_sequence
 from facelab.expression.units import (
-    Alignment,
     UnitBasis,
     among_all,
     as_basis,
-    find_alignment,
-    prepare_units,
     read_bounds,
     sketch_displacement,
     sketch_vertices,
 )
-from facelab.numeric.least_squares import along_path, kkt_residual, single_threaded, weights_over
-
-__all__ = [
-    "CRITERIA",
-    "ExpressionFit",
-    "LeastSquaresFit",
-    "TwoStepFit",
-    "find_alignment",
-    "held_out_error",
-    "least_squares",
-    "prepare_units",
-    "regress_expression",
-    "regress_sequence",
-    "two_step",
-]
+from facelab.geometry.alignment import Alignment
+from facelab.numeric.least_squares import along_path, kkt_residual, weights_over
+from facelab.numeric.threads import single_threaded
 
 CRITERIA = ("e_rms", "held_out", "gcv", "fewest")
 """Ways to choose alpha; see `ExpressionFit.choose`."""
@@ -189,28 +173,24 @@ class ExpressionFit:
         clamp : bool, default=False
             Let vertices beyond their boundary fall back to it.
         """
-        rig, moved = self.basis.rig, self._moved(index)
+        moved = self.basis.moved(self._picked(index))
         if clamp:
-            length = np.linalg.norm(moved, axis=1)
-            share = self.basis.limit / np.maximum(length, 1e-300)
-            moved = moved * np.minimum(1, share)[:, None]
-        return rig.neutral.vertices + moved
+            moved = self.basis.clamped(moved)
+        return self.basis.rig.neutral.vertices + moved
 
     def excess(self, index=None):
         """How far each vertex goes beyond its boundary, mm, shape (n_vertices,); mostly 0.
 
-        The boundary of a vertex is the largest displacement that any one unit gives it. Weights
-        within [0, 1] do not keep it: units add up.
+        See `UnitBasis.excess`.
         """
-        return np.maximum(np.linalg.norm(self._moved(index), axis=1) - self.basis.limit, 0)
+        return self.basis.excess(self.basis.moved(self._picked(index)))
 
-    def _moved(self, index):
-        w = self.weights[self.best if index is None else index]
-        return np.tensordot(w, self.basis.rig.deltas, axes=1)
+    def _picked(self, index):
+        return self.weights[self.best if index is None else index]
 
     def negative(self, index=None, least=0.01):
         """Names of the units with a weight below -least."""
-        w = self.weights[self.best if index is None else index]
+        w = self._picked(index)
         return tuple(n for n, x in zip(self.names, w, strict=True) if x < -least)
 
     def cancelling(self, index=None, cosine=-0.5, least=0.1):
@@ -224,7 +204,7 @@ class ExpressionFit:
         list of (str, str)
         """
         k = self.basis.kept
-        w = self.weights[self.best if index is None else index][k]
+        w = self._picked(index)[k]
         reach = np.linalg.norm(self.basis.rig.deltas[k], axis=2).max(axis=1)
         size = np.sqrt(np.diag(self.basis.gram))
         C = self.basis.gram / np.outer(size, size) * np.outer(np.sign(w), np.sign(w))
@@ -336,7 +316,7 @@ def regress_expression(
     d, alignment = sketch_displacement(basis, sketch, align)
     n, k = basis.rig.neutral.n_vertices, basis.kept
     scale = 1 / n if per_vertex else 1.0
-    c, outside = _project(basis, d)
+    c, outside = basis.project(d)
     H = scale * basis.gram + lam**2  # 11^T added: Eq. 9
     b = scale * (basis.R.T @ c)
     pull = np.full(len(k), lam**2)
@@ -366,12 +346,6 @@ def regress_expression(
             stacklevel=2,
         )
     return fit
-
-
-def _project(basis, d):
-    """Q^T d, and the squared length of what lies outside the units, square millimetres."""
-    c = basis.Q.T @ d
-    return c, float(((d - basis.Q @ c) ** 2).sum())
 
 
 @single_threaded

@@ -5,7 +5,8 @@ import numpy as np
 from facelab.checks import check_number
 from facelab.expression.units import MISALIGNED, among_all, as_basis, read_bounds
 from facelab.motion import MotionSequence, WeightSequence
-from facelab.numeric.least_squares import one_thread, solve_bounded_chain
+from facelab.numeric.least_squares import solve_bounded_chain
+from facelab.numeric.threads import one_thread
 
 
 def regress_sequence(

@@ -10,8 +10,6 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
-from threadpoolctl import threadpool_limits
 
 from facelab.checks import as_finite, check_choice, check_count, check_number, check_type
 from facelab.expression.units import find_alignment, sketch_positions
@@ -19,6 +17,7 @@ from facelab.geometry.binding import bind_to_surface
 from facelab.geometry.deformation import LaplacianDeformer
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MotionSequence
+from facelab.numeric.sparse import SparseFactor
 from facelab.registration.fit import fit_scan
 from facelab.rig import BlendshapeRig
 
@@ -92,7 +91,7 @@ class UnitCarrier:
         np.add.at(around, F, (area[:, None] * G.reshape(-1, 9) / 3)[:, None])
         M = sp.diags_array(np.maximum(mesh.vertex_areas, 1e-9))
         L = mesh.laplacian("cotangent", normalised=False)
-        return _factor(M + self.reach**2 * L).solve(around).reshape(-1, 3, 3)
+        return SparseFactor(M + self.reach**2 * L).solve(around).reshape(-1, 3, 3)
 
     def _transfer(self, d):
         """Displacement whose gradient on each triangle is nearest to that of the source's."""
@@ -118,7 +117,7 @@ class UnitCarrier:
         shape = (3 * len(F), len(V))
         G = sp.csr_array((gradient.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
         pull = G.T @ sp.diags_array(np.repeat(self.target.face_areas, 3))
-        solver = _factor(pull @ G + 1e-9 * sp.eye_array(len(V)))
+        solver = SparseFactor(pull @ G + 1e-9 * sp.eye_array(len(V)))
         return F, np.linalg.inv(_edge_frames(self.source.vertices, F)[0]), pull, solver
 
 
@@ -133,11 +132,6 @@ def _edge_frames(V, F):
     double = np.maximum(np.linalg.norm(normal, axis=1), 1e-9)
     normal = normal / np.sqrt(double)[:, None]
     return np.stack([b - a, c - a, normal], axis=2), double / 2
-
-
-def _factor(A):
-    with threadpool_limits(1):
-        return splu(sp.csc_matrix(A), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
 
 
 class _Rider:
@@ -158,7 +152,7 @@ class _Rider:
         self.loose, self.rides = np.flatnonzero(~rides), np.flatnonzero(rides)
         if self.loose.size:
             L = mesh.laplacian("uniform", normalised=False)[self.loose]
-            self._solver, self._pull = _factor(L[:, self.loose]), -L[:, self.rides]
+            self._solver, self._pull = SparseFactor(L[:, self.loose]), -L[:, self.rides]
 
     def carry(self, vertices):
         """The mesh on the moved carrier, exact at rest."""
@@ -273,8 +267,8 @@ class IntermediateSpace:
         """
         if isinstance(sketch, TriangleMesh) and (register or not _alike(sketch, self.target)):
             V = fit_scan(self.rig.neutral, sketch, preset=self.preset).mesh.vertices
-            head = find_alignment(self.rig, V)  # the landmarks alone take an open jaw for a nod
-            return V @ head.rotation.T + head.shift
+            # the landmarks alone take an open jaw for a nod
+            return find_alignment(self.rig, V).apply(V)
         V = sketch_positions(sketch)
         if V.shape != self.target.vertices.shape:
             raise ValueError(

@@ -7,10 +7,12 @@ from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from facelab.checks import as_finite, check_choice, check_number, check_type
+from facelab.geometry.alignment import Alignment, procrustes
 from facelab.geometry.mesh import TriangleMesh
-from facelab.numeric.least_squares import one_thread
+from facelab.numeric.threads import one_thread
 from facelab.rig import BlendshapeRig
 
 MISALIGNED = 2.0
@@ -69,6 +71,34 @@ class UnitBasis:
         C = C.reshape(-1, 6)
         C = C - self.Q @ (self.Q.T @ C)
         return np.linalg.pinv(C, rcond=1e-3) / np.repeat([size, 1], 3)[:, None]
+
+    def project(self, d):
+        """Q^T d, (n_kept,), and the squared length of what no units explain, square millimetres.
+
+        Parameters
+        ----------
+        d : ndarray of shape (3 * n_vertices,)
+            Displacements, millimetres.
+        """
+        c = self.Q.T @ d
+        return c, float(((d - self.Q @ c) ** 2).sum())
+
+    def moved(self, weights):
+        """What weights of all units, (K,), add to the neutral: sum w_i d_i, (n_vertices, 3), mm."""
+        return np.tensordot(weights, self.rig.deltas, axes=1)  # Eq. 1
+
+    def excess(self, moved):
+        """How far displaced vertices are beyond their boundary, mm, shape (n_vertices,).
+
+        The boundary of a vertex is the largest displacement that any one unit gives it. Weights
+        within [0, 1] do not keep it: units add up.
+        """
+        return np.maximum(np.linalg.norm(moved, axis=1) - self.limit, 0)
+
+    def clamped(self, moved):
+        """Displacements, (n_vertices, 3), that fall back to the boundary where they exceed it."""
+        length = np.linalg.norm(moved, axis=1)
+        return moved * np.minimum(1, self.limit / np.maximum(length, 1e-300))[:, None]
 
     def folds(self, n_folds, n_patches):
         """Parts of the face to be left out in turn, found once.
@@ -176,31 +206,8 @@ def as_basis(rig):
 # -- The sketch -------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Alignment:
-    """Rigid motion that carries a sketch to the neutral's place: x -> rotation @ x + shift.
-
-    Parameters
-    ----------
-    rotation : ndarray of shape (3, 3)
-    shift : ndarray of shape (3,)
-        Millimetres.
-    rms : float
-        How far it moves the sketch's vertices, millimetres.
-    """
-
-    rotation: np.ndarray
-    shift: np.ndarray
-    rms: float
-
-    @property
-    def degrees(self):
-        """Angle of the rotation."""
-        return float(np.degrees(np.arccos(np.clip((np.trace(self.rotation) - 1) / 2, -1, 1))))
-
-
 def find_alignment(rig, sketch):
-    """The rigid motion of a sketch that no mixture of the units explains.
+    """The rigid motion that carries a sketch to the neutral's place, seen past the expression.
 
     A best rigid fit alone would take an open jaw for a nod. Here units (with free weights) and
     rigid motion are fitted together, so a rig's own expressions are found aligned exactly.
@@ -214,37 +221,23 @@ def find_alignment(rig, sketch):
     Returns
     -------
     Alignment
+        Its `rms` is what units and rigid motion together leave of the sketch.
     """
     basis = as_basis(rig)
-    return _alignment(basis, sketch_vertices(basis, sketch))
-
-
-def _alignment(basis, V, far=True):
-    N = basis.rig.neutral.vertices
+    V, N = sketch_vertices(basis, sketch), basis.rig.neutral.vertices
     centre = N.mean(axis=0)
     X = V - centre
-    A, b = np.eye(3), np.zeros(3)
-    if far:  # Kabsch: nearly there from anywhere
-        U, _, Wt = np.linalg.svd((X - X.mean(axis=0)).T @ (N - centre))
-        A = (U @ np.diag([1, 1, np.linalg.det(U @ Wt)]) @ Wt).T
-        b = -A @ X.mean(axis=0)
-    for _ in range(50):
-        x = basis.rigid @ (X @ A.T + b + centre - N).ravel()
-        step = _rotation(-x[:3])
-        A, b = step @ A, step @ b - x[3:]
+    start = procrustes(X, N - centre)  # nearly there from anywhere
+    A, b = start.rotation, start.translation
+    for _ in range(50):  # Gauss-Newton: the units take what they can, `rigid` reads off the rest
+        d = (X @ A.T + b + centre - N).ravel()
+        x = basis.rigid @ d
         if np.abs(x).max() < 1e-9:
             break
-    moved = X @ A.T + b - X
-    return Alignment(A, b + centre - A @ centre, float(np.sqrt((moved**2).sum(axis=1).mean())))
-
-
-def _rotation(x):
-    """Rotation by the vector x, radians (Rodrigues)."""
-    angle = np.linalg.norm(x)
-    if angle == 0:
-        return np.eye(3)
-    K = np.cross(np.eye(3), x / angle)
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+        step = Rotation.from_rotvec(-x[:3]).as_matrix()
+        A, b = step @ A, step @ b - x[3:]
+    left = basis.project(d)[1] / len(N)
+    return Alignment(A, b + centre - A @ centre, rms=float(np.sqrt(left)))
 
 
 def sketch_positions(sketch):
@@ -275,19 +268,19 @@ def sketch_displacement(basis, sketch, align):
             f"sketch is {size:.3g} times the size of the neutral face: bring it to millimetres and "
             "to this face's size, or pass align=False to take it as it is."
         )
-    x = basis.rigid @ (V - N).ravel()
     if align == "check":
+        x = basis.rigid @ (V - N).ravel()
         turn = np.cross(x[:3], N - N.mean(axis=0)) + x[3:]
         if np.sqrt((turn**2).sum(axis=1).mean()) <= MISALIGNED:
             return (V - N).ravel(), None
-        found = _alignment(basis, V)
+    found = find_alignment(basis, V)
+    if align == "check":
         raise ValueError(
             f"sketch is not aligned with the neutral face: a turn of {found.degrees:.1f} degrees "
-            f"and a shift, {found.rms:.1f} mm RMS in all, that no units explain (allowed: "
+            f"and a shift, {found.travel(V):.1f} mm RMS in all, that no units explain (allowed: "
             f"{MISALIGNED:g} mm); pass align=True to take it out, or align=False to fit it so."
         )
-    found = _alignment(basis, V)
-    return (V @ found.rotation.T + found.shift - N).ravel(), found
+    return (found.apply(V) - N).ravel(), found
 
 
 # -- Bounds and weights ------------------------------------------------------------------------

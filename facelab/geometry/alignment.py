@@ -6,6 +6,7 @@ Lengths are millimetres. A motion has no scale; a reflection is noticed, never f
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from facelab.checks import as_finite
 
@@ -28,7 +29,7 @@ class Alignment:
     scale : float
         1 for a motion.
     rms : float
-        Root mean squared distance that is left, millimetres.
+        Root mean squared distance that it leaves, millimetres.
     mirrored : bool
         Whether a reflection would leave less than half of that: the data are left-handed.
     """
@@ -42,6 +43,15 @@ class Alignment:
     def apply(self, points):
         """The points moved: shape (..., 3), millimetres."""
         return self.scale * np.asarray(points) @ self.rotation.T + self.translation
+
+    def travel(self, points):
+        """How far it moves the points: root mean squared distance, millimetres."""
+        return float(np.sqrt(((self.apply(points) - points) ** 2).sum(axis=-1).mean()))
+
+    @property
+    def degrees(self):
+        """Angle of the turn."""
+        return float(np.degrees(Rotation.from_matrix(self.rotation).magnitude()))
 
     def inverse(self):
         """The alignment that takes everything back."""

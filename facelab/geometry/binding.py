@@ -5,12 +5,12 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
-from threadpoolctl import threadpool_limits
 
 from facelab.checks import as_finite, check_number
-from facelab.geometry.closest import closest
+from facelab.geometry.closest import closest_points
 from facelab.geometry.mesh import TriangleMesh, vertex_normals
+from facelab.numeric.sparse import SparseFactor
+from facelab.numeric.threads import one_thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,13 +119,7 @@ def bind(mesh, samples, tolerance=1e-3, motion=None, trust=10.0):
     weights = sp.csr_array(weights)
     if free.size:
         rows = sp.csr_array(Q)[free]
-        with threadpool_limits(1):
-            factor = splu(
-                sp.csc_matrix(rows[:, free]),
-                permc_spec="MMD_AT_PLUS_A",
-                options={"SymmetricMode": True},
-            )
-            W = -factor.solve(rows[:, samples].toarray())
+        W = -SparseFactor(rows[:, free]).solve(rows[:, samples].toarray())
         W[np.abs(W) < tolerance] = 0
         W /= W.sum(axis=1, keepdims=True)
         place = sp.coo_array((np.ones(free.size), (free, np.arange(free.size))), (n, free.size))
@@ -147,7 +141,7 @@ def _learned(weights, samples, mesh, motion, trust):
     n = max(len(Y) / 3, 1)
     G, R = S.T @ S / n + T.T @ T, S.T @ Y / n + T.T @ strain
     data = weights.data.copy()
-    with threadpool_limits(1):
+    with one_thread():
         for v in range(mesh.n_vertices):
             at = slice(weights.indptr[v], weights.indptr[v + 1])
             near, w = weights.indices[at], weights.data[at]
@@ -217,7 +211,7 @@ def bind_to_surface(mesh, points):
     the offset in the frame of the interpolated normal is ours.
     """
     P = as_finite(getattr(points, "vertices", points), "points", ("n_points", 3))
-    face, barycentric = closest(mesh, P)
+    face, barycentric = closest_points(mesh, P)
     foot, frames = _feet(mesh.vertices, mesh.faces, face, barycentric)
     return SurfaceBinding(mesh, face, barycentric, (frames @ (P - foot)[..., None])[..., 0])
 

@@ -1,91 +1,76 @@
-"""Closest points on a surface."""
+"""The places of a surface that are closest to points: exact, by libigl's tree of boxes."""
 
+import igl
 import numpy as np
-import trimesh
-from scipy.spatial import cKDTree
+
+from facelab.checks import as_finite
+
+_TINY = 1e-300  # instead of a division by 0
 
 
-def closest(mesh, P, chunk=2000):
-    """Closest triangle to each point, and the barycentric coordinates of the closest point.
-
-    A triangle can only win if its surrounding ball comes nearer than the nearest vertex in use.
-    """
-    V, F = mesh.vertices, mesh.faces
-    middle = V[F].mean(axis=1)
-    radius = np.linalg.norm(V[F] - middle[:, None], axis=2).max(axis=1)
-    used = np.unique(F)
-    near = cKDTree(V[used]).query(P)[0]
-    tree = cKDTree(middle)
-    face, barycentric = np.empty(len(P), dtype=int), np.empty((len(P), 3))
-    for start in range(0, len(P), chunk):
-        Q, reach = P[start : start + chunk], near[start : start + chunk] + 1e-9
-        found = tree.query_ball_point(Q, reach + radius.max())
-        point = np.repeat(np.arange(len(Q)), [len(f) for f in found])
-        tried = np.concatenate([np.asarray(f, dtype=int) for f in found])
-        off = np.linalg.norm(Q[point] - middle[tried], axis=1)
-        keep = off <= reach[point] + radius[tried]
-        point, tried = point[keep], tried[keep]
-        b = _closest_in(Q[point], *V[F[tried]].transpose(1, 0, 2))
-        off = np.linalg.norm((b[..., None] * V[F[tried]]).sum(axis=1) - Q[point], axis=1)
-        order = np.lexsort((off, point))
-        best = order[np.searchsorted(point[order], np.arange(len(Q)))]
-        face[start : start + chunk], barycentric[start : start + chunk] = tried[best], b[best]
-    return face, barycentric
-
-
-def _closest_in(P, A, B, C):
-    """Barycentric coordinates of the point of triangle ABC closest to P, row by row."""
-    n = np.cross(B - A, C - A)
-    size = np.maximum((n**2).sum(axis=1), 1e-300)
-    inside = np.stack(
-        [(np.cross(v - u, P - u) * n).sum(axis=1) / size for u, v in ((B, C), (C, A), (A, B))],
-        axis=1,
-    )
-    best = np.where((inside >= 0).all(axis=1), 0.0, np.inf)  # squared distance within the plane
-    out = inside.copy()
-    for i, (u, v) in enumerate(((A, B), (B, C), (C, A))):
-        edge = v - u
-        long = np.maximum((edge**2).sum(axis=1), 1e-300)
-        t = (((P - u) * edge).sum(axis=1) / long).clip(0, 1)
-        off = ((u + t[:, None] * edge - P) ** 2).sum(axis=1)
-        closer = off < best
-        best = np.where(closer, off, best)
-        on_edge = np.zeros_like(out)
-        on_edge[:, i], on_edge[:, (i + 1) % 3] = 1 - t, t
-        out = np.where(closer[:, None], on_edge, out)
-    return out
-
-
-def closest_points(mesh, points, candidates=16):
-    """The points of a surface nearest to some points.
+def closest_points(mesh, points, among=None):
+    """The triangle of a surface that is closest to each point, and the closest place in it.
 
     Parameters
     ----------
     mesh : TriangleMesh
-    points : ndarray of shape (n_points, 3)
+    points : array_like of shape (n_points, 3)
         Millimetres.
-    candidates : int, default=16
-        Triangles tried for each point, those with the nearest middle first; exact as long as
-        neighbouring triangles are of like size.
+    among : sequence of ndarray of int, optional
+        For each point the triangles that are looked at; all of them if left out.
 
     Returns
     -------
     faces : ndarray of int, shape (n_points,)
-    weights : ndarray of shape (n_points, 3)
-        Barycentric place in that triangle.
+    barycentric : ndarray of shape (n_points, 3)
+        The closest place in that triangle; not negative, rows sum to one.
+
+    Raises
+    ------
+    ValueError
+        For points that are not finite.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> flat = facelab.TriangleMesh([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
+    >>> faces, barycentric = closest_points(flat, [[1, 1, 5]])
+    >>> barycentric.tolist()
+    [[0.5, 0.25, 0.25]]
     """
-    middle = mesh.vertices[mesh.faces].mean(axis=1)
-    _, near = cKDTree(middle).query(points, k=min(candidates, len(middle)))
-    return closest_among(mesh, points, near.reshape(len(points), -1))
+    P = as_finite(points, "points", ("n_points", 3))
+    V, F = mesh.vertices, mesh.faces
+    if among is None:
+        _, faces, places = igl.point_mesh_squared_distance(P, V, F)
+    else:
+        faces, places = np.empty(len(P), dtype=int), np.empty(P.shape)
+        for i, some in enumerate(among):
+            found = igl.point_mesh_squared_distance(P[i : i + 1], V, F[some])
+            faces[i], places[i] = some[found[1][0]], found[2][0]
+    return faces, _barycentric(places, V[F[faces]])
 
 
-def closest_among(mesh, points, near):
-    corners = mesh.vertices[mesh.faces[near.ravel()]]
-    asked = np.repeat(points, near.shape[1], axis=0)
-    found = trimesh.triangles.closest_point(corners, asked)
-    far = ((found - asked) ** 2).sum(axis=1).reshape(near.shape)
-    best = far.argmin(axis=1)
-    picked = np.arange(len(points)) * near.shape[1] + best
-    weights = trimesh.triangles.points_to_barycentric(corners[picked], found[picked])
-    weights = np.clip(weights, 0, None)
-    return near[np.arange(len(points)), best], weights / weights.sum(axis=1, keepdims=True)
+def _barycentric(P, corners):
+    """Barycentric coordinates of points (n, 3) in their triangles (n, 3, 3).
+
+    Along the longest edge and the height over it: so a sliver, or a triangle without area, costs
+    no exactness of the place.
+    """
+    longest = ((np.roll(corners, -1, axis=1) - corners) ** 2).sum(axis=2).argmax(axis=1)
+    order = (longest[:, None] + np.arange(3)) % 3
+    a, b, c = np.take_along_axis(corners, order[..., None], axis=1).transpose(1, 0, 2)
+    edge, side, to = b - a, c - a, P - a
+    length2 = np.maximum(_dot(edge, edge), _TINY)
+    at, top = (np.clip(_dot(x, edge) / length2, 0, 1) for x in (to, side))  # along the edge
+    height = side - edge * top[:, None]
+    t = _dot(to, height) / np.maximum(_dot(height, height), _TINY)
+    # no higher than the triangle is there: of a height that is all rounding t is nonsense
+    t = t.clip(0, np.minimum(at / np.maximum(top, _TINY), (1 - at) / np.maximum(1 - top, _TINY)))
+    s = at - t * top
+    weights = np.empty((len(P), 3))
+    np.put_along_axis(weights, order, np.stack([1 - s - t, s, t], axis=1), axis=1)
+    return np.maximum(weights, 0)  # some may round to -1e-17
+
+
+def _dot(a, b):
+    return np.einsum("nx,nx->n", a, b)

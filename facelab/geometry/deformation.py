@@ -2,10 +2,9 @@
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
-from threadpoolctl import threadpool_limits
 
 from facelab.checks import as_finite, as_indices, check_number
+from facelab.numeric.sparse import SparseFactor
 
 
 class LaplacianDeformer:
@@ -51,12 +50,7 @@ class LaplacianDeformer:
         pull = np.zeros(mesh.n_vertices)
         pull[self.anchors] = self.anchor_weight**2
         self._bent = L.T @ (L @ mesh.vertices)  # L^T delta
-        with threadpool_limits(1):
-            self._factor = splu(  # A^T A of Eq. 15
-                sp.csc_matrix(L.T @ L + sp.diags_array(pull)),
-                permc_spec="MMD_AT_PLUS_A",
-                options={"SymmetricMode": True},
-            )
+        self._factor = SparseFactor(L.T @ L + sp.diags_array(pull))  # A^T A of Eq. 15
 
     def deform(self, positions):
         """Vertices of the deformed mesh, shape (n_vertices, 3), millimetres.
@@ -69,8 +63,7 @@ class LaplacianDeformer:
         positions = as_finite(positions, "positions", (len(self.anchors), 3))
         right = self._bent.copy()  # A^T b of Eq. 15
         right[self.anchors] += self.anchor_weight**2 * positions
-        with threadpool_limits(1):
-            return self._factor.solve(right)
+        return self._factor.solve(right)
 
 
 def laplacian_deform(mesh, anchors, positions, anchor_weight=0.5, weights="uniform"):

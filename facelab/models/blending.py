@@ -2,7 +2,8 @@
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+
+from facelab.numeric.sparse import SparseFactor
 
 BLEND_REACH = 20.0
 """Distance over which the gradient blend spreads a gap, to 1/e, millimetres."""
@@ -59,9 +60,7 @@ class GradientBlend:
         area = np.maximum(mesh.vertex_areas, mesh.vertex_areas.mean() / 100)
         anchor = sp.diags_array(area / reach**2)
         S = E.T @ weight @ E + anchor
-        self._factor = splu(
-            sp.csc_array(S), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-        )
+        self._factor = SparseFactor(S)
         self._rhs = sp.csr_array(E.T @ weight @ g + anchor @ mean)
 
     def carry(self, copies):

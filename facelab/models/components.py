@@ -8,18 +8,16 @@ import mmap
 import numpy as np
 from scipy.linalg import eigh
 from sklearn.utils import check_random_state
-from threadpoolctl import ThreadpoolController
 from tqdm.auto import tqdm
 
 from facelab.checks import as_finite
+from facelab.numeric.threads import one_thread
 
 LARGEST_EXACT = 1500
 """Square matrices up to this size are decomposed exactly; larger ones by a randomised SVD."""
 
 BLOCK_BYTES = 2**24
 """Frames of a large array are read in blocks of this size, counted in float64."""
-
-_threads = ThreadpoolController()
 
 
 def principal_components(X, n_components):
@@ -55,7 +53,7 @@ def _leading(square, n):
     """Largest n eigenvalues, none negative, and their eigenvectors as columns."""
     if n == 0:
         return np.zeros(0), np.zeros((len(square), 0))
-    with _threads.limit(limits=1):  # eigenvectors this small lose time on several threads
+    with one_thread():  # eigenvectors this small lose time on several threads
         values, vectors = eigh(square, subset_by_index=[len(square) - n, len(square) - 1])
     return values[::-1].clip(min=0), vectors[:, ::-1]
 

@@ -6,18 +6,6 @@ w' H w / 2 - g' w with lo <= w <= hi.
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
-from threadpoolctl import ThreadpoolController
-
-_threads = ThreadpoolController()
-
-
-def one_thread():
-    """Context in which BLAS works on one thread: solves this small lose time on several."""
-    return _threads.limit(limits=1)
-
-
-single_threaded = _threads.wrap(limits=1)
-"""Decorator for a function that works within `one_thread`."""
 
 
 def pivot(solve, times, g, lo, hi, at=None):

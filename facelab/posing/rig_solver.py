@@ -8,7 +8,8 @@ from scipy.linalg.blas import daxpy
 
 from facelab.checks import check_number
 from facelab.motion import WeightSequence
-from facelab.numeric.least_squares import one_thread, solve_bounded
+from facelab.numeric.least_squares import solve_bounded
+from facelab.numeric.threads import one_thread
 from facelab.posing.solver import Solver, vertex_weights
 
 

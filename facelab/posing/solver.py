@@ -16,7 +16,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from facelab.checks import check_choice, check_index, check_number
 from facelab.motion import MotionSequence
-from facelab.numeric.least_squares import one_thread
+from facelab.numeric.threads import one_thread
 from facelab.rig import BlendshapeRig
 
 REFERENCE_VERTICES = 397

@@ -19,7 +19,7 @@ from scipy.interpolate import RBFInterpolator
 
 from facelab.checks import check_choice, check_number
 from facelab.geometry.alignment import Alignment, check_like, procrustes, rigid_motion
-from facelab.geometry.closest import closest_among, closest_points
+from facelab.geometry.closest import closest_points
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MarkerSequence
 from facelab.registration.layout import MarkerLayout
@@ -245,12 +245,11 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
     fixed = np.array([named[name] for name in known])
     free = np.setdiff1d(np.arange(len(names)), fixed)
     star = [np.flatnonzero((template.faces == template.landmarks[n]).any(axis=1)) for n in known]
-    near = np.array([np.resize(faces, max(map(len, star))) for faces in star])
 
     def feet(mesh):
         """Nearest place on the surface; for landmarks, on the triangles round their vertex."""
         faces, weights = closest_points(mesh, rest)
-        faces[fixed], weights[fixed] = closest_among(mesh, rest[fixed], near)
+        faces[fixed], weights[fixed] = closest_points(mesh, rest[fixed], star)
         return faces, weights
 
     marks = sp.eye_array(template.n_vertices, format="csr")[

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from facelab.registration.warp import factor, rows, smooth_field
+from facelab.numeric.sparse import SparseFactor
+from facelab.registration.warp import rows, smooth_field
 
 
 class MarkerLayout:
@@ -26,7 +27,7 @@ class MarkerLayout:
         self._B = rows(fit.mesh, fit.faces, fit.weights)
         self._C = smooth_field(fit.mesh, preset.motion_reach) / preset.motion_size
         A = self._C.T @ self._C + self._B.T @ self._B / preset.noise**2
-        self._solver = factor(A)
+        self._solver = SparseFactor(A)
         self.carry = self._solver.solve(self._B.T.toarray() / preset.noise**2)
         self.smooth = self._B @ self.carry
 

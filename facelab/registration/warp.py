@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
-from threadpoolctl import threadpool_limits
+
+from facelab.numeric.sparse import SparseFactor
 
 
 class Preset(NamedTuple):
@@ -50,11 +50,6 @@ def smooth_field(mesh, reach):
     return sp.csr_array(sp.diags_array(reach / np.sqrt(4 * np.pi * area)) @ C)
 
 
-def factor(A):
-    with threadpool_limits(1):
-        return splu(sp.csc_matrix(A), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-
-
 def rows(mesh, faces, weights):
     """Sparse (n_points, n_vertices): points of the surface as weighted vertices."""
     row = np.repeat(np.arange(len(faces)), 3)
@@ -70,7 +65,7 @@ def relaxed(mesh, start, match, preset):
     for slack in preset.stages:
         B, target, w = match(mesh.with_vertices(V), slack)
         W = sp.diags_array(w)
-        V = start + factor(Q + B.T @ W @ B).solve(B.T @ W @ (target - B @ start))
+        V = start + SparseFactor(Q + B.T @ W @ B).solve(B.T @ W @ (target - B @ start))
         yield V
 
 

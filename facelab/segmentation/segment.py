@@ -5,18 +5,19 @@ clusters of both, as many as stay compact.
 """
 
 import warnings
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from sklearn.metrics import adjusted_rand_score
 from sklearn.utils import check_random_state
-from threadpoolctl import threadpool_limits
 from tqdm.auto import tqdm
 
 from facelab.checks import check_choice, check_count, check_number, check_type
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MotionSequence
+from facelab.numeric.threads import one_thread
 from facelab.segmentation.affinity import affinity, motion_correlation, nearness
 from facelab.segmentation.clusters import (
     LARGE,
@@ -117,7 +118,7 @@ class Likeness:
         best, tried = np.zeros(n, dtype=int), []
         # matrices as small as the paper's lose time on several threads
         with (
-            threadpool_limits(1 if n <= LARGE else None),
+            one_thread() if n <= LARGE else nullcontext(),
             tqdm(desc="regions tried", disable=not progress, leave=False) as bar,
         ):
             X = leading(normalised(self.A)[0], n_regions or max_regions)

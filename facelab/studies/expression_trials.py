@@ -6,10 +6,10 @@ import numpy as np
 from sklearn.linear_model import Ridge, lasso_path
 
 from facelab.checks import as_finite, check_index, check_number
-from facelab.expression.regression import CRITERIA, prepare_units, regress_expression, two_step
+from facelab.expression.regression import CRITERIA, regress_expression, two_step
 from facelab.expression.transfer import METHODS, UnitCarrier
-from facelab.expression.units import UnitBasis, among_all, sketch_displacement
-from facelab.numeric.least_squares import single_threaded
+from facelab.expression.units import UnitBasis, among_all, prepare_units, sketch_displacement
+from facelab.numeric.threads import single_threaded
 
 PENALTIES = np.logspace(-4, 1, 16)
 """Tried for ridge and lasso, relative to the mean squared size of a unit."""

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 import facelab
 from data_synth.action_units import actor_rig
-from facelab.expression.regression import prepare_units, regress_expression, regress_sequence
+from facelab.expression import prepare_units, regress_expression, regress_sequence
 
 ALPHAS = np.arange(101)
 

@@ -13,7 +13,7 @@ import facelab
 from data_synth.action_units import STYLES, ActionUnitRig, actor_rig
 from data_synth.identity import ACTORS
 from data_synth.template import build_template
-from facelab.expression.regression import prepare_units, regress_expression
+from facelab.expression import prepare_units, regress_expression
 from facelab.expression.transfer import METHODS, IntermediateSpace, SimplifiedRig, UnitCarrier
 from facelab.registration.fit import fit_scan
 

@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 from shapes import sphere_mesh
 
-from facelab.expression.regression import (
+from facelab.expression import (
     CRITERIA,
     find_alignment,
     held_out_error,
@@ -19,6 +19,7 @@ from facelab.expression.regression import (
     regress_sequence,
     two_step,
 )
+from facelab.geometry.alignment import Alignment
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MotionSequence
 from facelab.rig import BlendshapeRig
@@ -327,8 +328,23 @@ def test_rigid_motion_is_noticed_and_taken_out_though_the_jaw_is_open(actor, deg
 
 def test_expressions_are_found_aligned_even_overstretched(actor):
     V = actor.shape({"AU27": 1.8, "AU12L": 2})
-    assert find_alignment(actor, V).rms < 1e-6
+    assert find_alignment(actor, V).travel(V) < 1e-6
     assert regress_expression(actor, V, alphas=[3]).alignment is None
+
+
+def test_what_an_alignment_leaves_is_what_no_mixture_of_units_explains(actor, rng):
+    n = actor.neutral.n_vertices
+    V = actor.shape({"AU26": 0.9}) + rng.normal(scale=0.5, size=(n, 3))
+    V = V @ Rotation.from_rotvec([0.2, -0.1, 0.3]).as_matrix().T + [4, -3, 8]
+    found = find_alignment(actor, V)
+    D = actor.deltas.reshape(len(actor.names), -1).T
+    d = (found.apply(V) - actor.neutral.vertices).ravel()
+    left = d - D @ np.linalg.lstsq(D, d, rcond=None)[0]
+    assert found.rms == pytest.approx(np.sqrt(left @ left / n), rel=1e-6)
+    turned = Alignment(Rotation.from_rotvec([0.01, 0, 0]).as_matrix(), np.zeros(3))
+    d = (turned.apply(found.apply(V)) - actor.neutral.vertices).ravel()
+    worse = d - D @ np.linalg.lstsq(D, d, rcond=None)[0]
+    assert found.rms < 0.99 * np.sqrt(worse @ worse / n)
 
 
 def test_a_sketch_in_other_units_is_refused(actor):

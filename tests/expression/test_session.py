@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapes import sphere_mesh
 
-from facelab.expression.regression import prepare_units, regress_expression
+from facelab.expression import prepare_units, regress_expression
 from facelab.expression.session import ALPHAS, BOUNDS, ExpressionSession
 from facelab.expression.transfer import IntermediateSpace
 from facelab.files.obj import read_obj, write_obj

@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 from shapes import grid_mesh, sphere_mesh
 
 from data_synth.action_units import actor_rig
-from facelab.expression.regression import prepare_units, regress_expression
+from facelab.expression import prepare_units, regress_expression
 from facelab.expression.transfer import (
     METHODS,
     IntermediateSpace,

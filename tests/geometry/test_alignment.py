@@ -68,6 +68,14 @@ def test_rms_is_what_is_left(cloud, rng):
         assert found.rms == pytest.approx(left, rel=1e-9)
 
 
+def test_the_way_moved_and_the_angle_are_those_of_the_motion(cloud):
+    turn = Rotation.from_rotvec(np.radians(25) * np.array([0, 0.6, 0.8]))
+    found = procrustes(cloud, turn.apply(cloud) + [30, 0, 4])
+    assert found.degrees == pytest.approx(25, abs=1e-9)
+    way = np.linalg.norm(turn.apply(cloud) + [30, 0, 4] - cloud, axis=1)
+    assert found.travel(cloud) == pytest.approx(np.sqrt((way**2).mean()), rel=1e-9)
+
+
 def test_a_point_of_weight_zero_and_one_not_seen_have_no_say(cloud, rng):
     target, R, _ = moved(cloud, rng)
     target[0] += 500

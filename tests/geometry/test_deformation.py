@@ -2,7 +2,6 @@ import literal_yu
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from shapes import disk_mesh, grid_mesh, sphere_mesh
 
@@ -290,24 +289,6 @@ def test_bound_points_stay_at_rest_and_follow_rigid_motion_exactly(sphere, rng):
     R = Rotation.from_rotvec([0.4, -1, 2]).as_matrix()
     moved = binding.carry(sphere.vertices @ R.T + [1, 2, 3])
     np.testing.assert_allclose(moved, P @ R.T + [1, 2, 3], atol=1e-10)
-
-
-def test_the_closest_triangle_is_the_closest(bumpy, rng):
-    P = bumpy.vertices[rng.integers(bumpy.n_vertices, size=200)] + rng.normal(
-        scale=8, size=(200, 3)
-    )
-    binding = bind_to_surface(bumpy, P)
-    corners = bumpy.faces[binding.faces]
-    foot = (binding.barycentric[..., None] * bumpy.vertices[corners]).sum(axis=1)
-    assert binding.barycentric.min() >= 0
-    np.testing.assert_allclose(binding.barycentric.sum(axis=1), 1, atol=1e-12)
-    ours = np.linalg.norm(foot - P, axis=1)
-    u, v = np.meshgrid(np.linspace(0, 1, 25), np.linspace(0, 1, 25))
-    u, v = u[u + v <= 1], v[u + v <= 1]
-    A, B, C = bumpy.vertices[bumpy.faces].transpose(1, 0, 2)
-    cloud = A[:, None] * (1 - u - v)[:, None] + B[:, None] * u[:, None] + C[:, None] * v[:, None]
-    tried = cKDTree(cloud.reshape(-1, 3)).query(P)[0]
-    assert (ours <= tried + 1e-9).all() and (tried - ours).max() < 1
 
 
 def test_detail_rides_on_the_surface_and_turns_with_it():

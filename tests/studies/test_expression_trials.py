@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from planted import bumpy_rig
 
-from facelab.expression.regression import prepare_units
+from facelab.expression import prepare_units
 from facelab.studies.expression_trials import (
     carry_errors,
     draw_mixtures,
