@@ -8,7 +8,7 @@ import pooch
 CACHE_VERSION = 1
 _REMEDY = (
     "Without a network, copy the data to this machine and name its folder: FACELAB_ICT for a clone "
-    "of ICT-FaceKit, FACELAB_CAPTURES for the recorded takes."
+    "of ICT-FaceKit, FACELAB_CAPTURES for the recorded takes, FACELAB_ANIMFACE for the markers."
 )
 
 
@@ -72,8 +72,7 @@ def download(url, name, sha256, folder):
         )
     except ValueError as error:  # not a matter of the network: what came is not what was pinned
         raise ValueError(
-            f"{name} was downloaded, but is not the file it should be: {error} Try again; if that "
-            f"does not help, {remedy}"
+            f"{name} was downloaded, but is not the file it should be: {error} Try again. {_REMEDY}"
         ) from None
     except Exception as error:  # no network, a server's refusal
         raise DataUnavailable(
