@@ -24,6 +24,7 @@ def as_finite(array, name, shape, where="", remedy="remove or repair the bad val
         Naming the parameter, what was given and what is wanted.
     """
     place = f" in {where}" if where else ""
+    refuse_mask(array, f"{name}{place}", remedy)
     wanted = "(" + ", ".join(str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
         array = np.asarray(array, dtype=float)
@@ -45,6 +46,13 @@ def as_finite(array, name, shape, where="", remedy="remove or repair the bad val
             f"index {first}; {remedy}."
         )
     return array
+
+
+def refuse_mask(array, name, remedy):
+    """Refuse a masked array that hides values: as a plain array it would show them."""
+    hidden = np.ma.count_masked(array) if isinstance(array, np.ma.MaskedArray) else 0
+    if hidden:
+        raise ValueError(f"{name} is a masked array that hides {hidden} value(s); {remedy}.")
 
 
 def check_type(value, name, types, remedy):

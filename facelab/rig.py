@@ -4,8 +4,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.blas import daxpy
 
 from facelab.checks import as_finite
+from facelab.face_model import FaceModel
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MotionSequence
 
@@ -37,8 +39,11 @@ class RigSource:
 
 
 @dataclass(frozen=True, eq=False)
-class BlendshapeRig:
+class BlendshapeRig(FaceModel):
     """A face as a neutral mesh and a sum of weighted displacements (Yu and Liu 2014, Eq. 1).
+
+    Posed by hand its weights stay within 0 and 1 (Lewis and Anjyo 2010, as Tena et al. 2011 quote
+    them).
 
     Parameters
     ----------
@@ -71,6 +76,9 @@ class BlendshapeRig:
     parts: dict = field(default_factory=dict)
     source: RigSource | None = None
 
+    bounds = (0.0, 1.0)
+    named = True
+
     def __post_init__(self):
         names = tuple(self.names)
         deltas = np.asarray(self.deltas)
@@ -87,6 +95,42 @@ class BlendshapeRig:
 
     def __repr__(self):
         return f"BlendshapeRig({len(self.names)} shapes on {self.neutral.n_vertices} vertices)"
+
+    # --- what a session asks of any model ---------------------------------------------------------
+
+    @property
+    def mesh(self):
+        """The face at rest."""
+        return self.neutral
+
+    @cached_property
+    def basis(self):
+        """The displacements in float64, as they lie in memory: (n_shapes, n_vertices, 3), mm."""
+        return np.ascontiguousarray(self.deltas, dtype=float)
+
+    def displacements(self, coefficients):
+        """Displacements from the neutral, shape (n, n_vertices, 3); only active units are added."""
+        D = self.basis.reshape(len(self.names), -1)
+        W = np.atleast_2d(coefficients)
+        X = np.zeros((len(W), D.shape[1]))
+        for x, w in zip(X, W, strict=True):
+            for k in np.flatnonzero(w):
+                daxpy(D[k], x, a=w[k])  # in place
+        return X.reshape(len(W), -1, 3)
+
+    def component_names(self, region):
+        """Names of the units: list of str."""
+        return list(self.names)
+
+    def fingerprint_parts(self):
+        """The names of the units and their displacements."""
+        return "rig", list(self.names), [self.deltas]
+
+    def encode_weights(self, take):
+        """Recorded weights in the rig's order, see `rig_weights`."""
+        return self.rig_weights(take)
+
+    # --- shapes and takes -------------------------------------------------------------------------
 
     def weights_of(self, named):
         """Weights in the rig's order from a dict of names; the others are zero.

@@ -7,7 +7,8 @@ from facelab.geometry.binding import bind
 from facelab.geometry.mesh import TriangleMesh
 from facelab.models.holistic import HolisticModel
 from facelab.motion import WeightSequence
-from facelab.posing.session import PosingSession, RigSolver
+from facelab.posing.session import PosingSession
+from facelab.posing.solver import PoseSolver
 from facelab.rig import BlendshapeRig, rig_names
 
 NAMES = ("eyeBlink_L", "eyeBlink_R", "browInnerUp_L", "browInnerUp_R", "jawOpen", "jawLeft")
@@ -224,7 +225,7 @@ def stacked(solver, pins, weights, w_0):
 @pytest.mark.parametrize("n_pins", [1, 3, 20])
 @pytest.mark.parametrize("size", [0.3, 3.0, 100.0])
 def test_dragged_weights_are_the_bounded_least_squares(rng, n_pins, size):
-    solver = RigSolver(rig_of(rng))
+    solver = PoseSolver(rig_of(rng))
     pins = {int(v): size * rng.normal(size=3) for v in rng.choice(42, n_pins, replace=False)}
     weights, w_0 = rng.uniform(0.5, 4, n_pins), rng.uniform(0, 1, 12)
     problem = solver.problem(list(pins), weights)
@@ -239,7 +240,7 @@ def test_dragged_weights_are_the_bounded_least_squares(rng, n_pins, size):
 
 
 def test_a_drag_along_a_path_solves_as_afresh_at_each_move(rng):
-    solver, w_0, none = RigSolver(rig_of(rng)), rng.uniform(0, 1, 12), np.zeros(12)
+    solver, w_0, none = PoseSolver(rig_of(rng)), rng.uniform(0, 1, 12), np.zeros(12)
     warm = solver.problem([3, 20])
     for t in np.cumsum(rng.normal(size=(30, 2, 3)), axis=0):
         fresh = solver.problem([3, 20]).solve(t, w_0, none)

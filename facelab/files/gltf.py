@@ -8,7 +8,6 @@ import numpy as np
 from facelab.checks import as_finite, check_choice
 from facelab.geometry.mesh import TriangleMesh
 from facelab.posing.clips import check_clip
-from facelab.rig import BlendshapeRig
 from facelab.storage import atomic_path
 
 _METRES = 1e-3  # for a millimetre
@@ -100,10 +99,12 @@ def write_clip_glb(path, clip, session):
     """
     check_clip(clip, session)
     way = {"smooth": "SMOOTH", "linear": "LINEAR"}[clip.easing]
-    if isinstance(session.model, BlendshapeRig):
+    if session.model.named:
         rest = session.neutral.vertices
         deltas = session.vertices_of(np.eye(clip.poses.shape[1])) - rest
-        write_glb(path, session.neutral, deltas, session.model.names, clip.times, clip.poses, way)
+        model = session.model
+        names = [n for r in range(len(model.slices)) for n in model.component_names(r)]
+        write_glb(path, session.neutral, deltas, names, clip.times, clip.poses, way)
         return
     deltas = session.vertices_of(clip.poses) - session.neutral.vertices
     shares = np.eye(len(clip.times))

@@ -1,5 +1,6 @@
 """Linear models of a face in motion (Tena et al. 2011, sections 3.1 and 5)."""
 
+from facelab.face_model import FaceModel
 from facelab.models.components import components_of_blocks, principal_components
 from facelab.models.evaluation import (
     ErrorCurve,
@@ -16,6 +17,7 @@ from facelab.models.store import load_model
 
 __all__ = [
     "ErrorCurve",
+    "FaceModel",
     "HolisticModel",
     "RegionModel",
     "components_of_blocks",

@@ -200,9 +200,9 @@ def _checked(block, n_features):
     """A block as it is in float32 (half the work of a sketch), else in float64."""
     X = np.asarray(block)
     shape = ("n_frames", n_features or "n_features")
-    if X.dtype == np.float32 and X.ndim == 2 and X.shape[1] == (n_features or X.shape[1]):
-        if np.isfinite(X).all():
-            return X
+    plain = X.dtype == np.float32 and X.ndim == 2 and not isinstance(block, np.ma.MaskedArray)
+    if plain and X.shape[1] == (n_features or X.shape[1]) and np.isfinite(X).all():
+        return X
     return as_finite(block, "X", shape, "one of the blocks")
 
 
@@ -219,5 +219,6 @@ def _release(X):
     while isinstance(mapped, np.ndarray):
         mapped = mapped.base
     # changes to a private copy ("c") live in its pages alone
-    if isinstance(mapped, mmap.mmap) and X.mode != "c" and hasattr(mmap, "MADV_DONTNEED"):
+    shared = isinstance(mapped, mmap.mmap) and getattr(X, "mode", "c") != "c"
+    if shared and hasattr(mmap, "MADV_DONTNEED"):
         mapped.madvise(mmap.MADV_DONTNEED)

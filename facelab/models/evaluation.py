@@ -139,7 +139,7 @@ def error_curves(models, X, targets=None, takes=None):
     for model in models:
         X_hat = model.reconstruct(X)
         components.append(int(model.n_components_.max()))
-        parameters.append(model.n_coefficients_)
+        parameters.append(model.n_coefficients)
         for name, truth in targets.items():
             squares[name].append(frame_errors(truth, X_hat))
     sizes = np.array(components), np.array(parameters)

@@ -8,8 +8,8 @@ class HolisticModel(RegionModel):
 
     Parameters
     ----------
-    n_components : int or float, default=30
-        Number of modes, or share of the variance.
+    n_components : int or float, optional
+        Number of modes, or share of the variance; 30 if left out, or as many as the data allow.
     random_state : int, RandomState or None, default=0
 
     References
@@ -31,6 +31,6 @@ class HolisticModel(RegionModel):
     spread = "each"
     blending = "mean"
 
-    def __init__(self, n_components=30, random_state=0):
+    def __init__(self, n_components=None, random_state=0):
         self.n_components = n_components
         self.random_state = random_state

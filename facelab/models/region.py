@@ -5,15 +5,13 @@ x, y, z of a vertex side by side, the neutral face subtracted, millimetres.
 """
 
 import copy
-from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from sklearn.base import BaseEstimator, TransformerMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_array, check_is_fitted, validate_data
 
-from facelab.checks import as_finite, check_choice, check_number
-from facelab.models.blending import GradientBlend
+from facelab.checks import as_finite, check_choice, check_number, refuse_mask
+from facelab.models.bases import RegionBases, columns_of
 from facelab.models.components import (
     LARGEST_EXACT,
     components_of_blocks,
@@ -21,25 +19,32 @@ from facelab.models.components import (
     row_blocks,
 )
 from facelab.motion import MotionSequence
-from facelab.segmentation.regions import Regions, packed_regions
+from facelab.segmentation.regions import Regions
 from facelab.storage import save_npz
 
 FILE = "linear-face-model", 1
+ARRAYS = frozenset(
+    "model n_components beta spread blending mean counts components variances labels vertices "
+    "faces landmark_names landmarks sharing rings held samples".split()
+)
 
+N_COMPONENTS = 30
+"""Modes that each region gets where nothing else is said and the data allow as many."""
 
 _FILL = "leave lost frames out, or fill their gaps"
 
 
-class RegionModel(TransformerMixin, BaseEstimator):
+class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
     """One PCA per region of the face, all solved together with soft boundaries.
 
     Parameters
     ----------
     regions : Regions, optional
         From `segment_face`; the whole face as one region if left out.
-    n_components : int or float, default=30
+    n_components : int or float, optional
         Modes to keep: an integer is their number, a float between 0 and 1 the share of the
-        variance that they hold. A small region never gets more than it has coordinates.
+        variance that they hold. A small region never gets more than it has coordinates. If left
+        out, 30 (`N_COMPONENTS`), or as many as there are where frames or coordinates are fewer.
     beta : float, default=0.5
         β: weight of the agreement of shared vertices when coefficients are found (Eq. 6).
     spread : {"each", "total"}
@@ -87,7 +92,7 @@ class RegionModel(TransformerMixin, BaseEstimator):
     def __init__(
         self,
         regions=None,
-        n_components=30,
+        n_components=None,
         beta=0.5,
         spread="each",
         blending="mean",
@@ -127,21 +132,34 @@ class RegionModel(TransformerMixin, BaseEstimator):
                 "X is a MotionSequence, but models learn displacements from the neutral: "
                 "fit(motion.displacements())."
             )
+        refuse_mask(X, "X", _FILL)
         if isinstance(X, np.memmap) and X.ndim == 2:
             return self.fit_blocks(lambda: row_blocks(X))
-        kinds = [np.float64, np.float32]
-        X = validate_data(self, X, dtype=kinds, ensure_min_samples=2, ensure_all_finite=False)
+        frames = check_array(
+            X,
+            dtype=[np.float64, np.float32],
+            ensure_min_samples=2,
+            ensure_all_finite=False,
+            estimator=self,
+            input_name="X",
+        )
+        learned = self._learned(frames)
+        validate_data(self, X, skip_check_array=True)  # keeps the names of the columns
+        return self.set_bases(*learned)
+
+    def _learned(self, X):
+        """What `set_bases` takes, from frames in memory."""
         n_frames, n_features = X.shape
-        columns = self._columns(n_features)
+        members = self._members(n_features)
+        columns = columns_of(members, n_features)
         if min(n_frames, max(map(len, columns))) > LARGEST_EXACT and not self._is_share:
-            return self.fit_blocks(lambda: row_blocks(X), passes=4, progress=False)
-        self._check_count(n_frames, columns)
+            return self._learned_of_blocks(lambda: row_blocks(X), passes=4, progress=False)
+        wanted = self._wanted(n_frames, columns)
         if not np.isfinite(X).all():
             as_finite(X, "X", X.shape, remedy=_FILL)
         n = min(n_frames, self._most)
-        parts = [principal_components(X[:, c], min(n, len(c))) for c in columns]
-        self.mean_ = X.mean(axis=0)
-        return self._keep(columns, [p[1] for p in parts], [p[2] for p in parts])
+        found = [principal_components(X[:, c], min(n, len(c)))[1:] for c in columns]
+        return X.mean(axis=0), members, *_cut(*zip(*found, strict=True), wanted, self.spread)
 
     def fit_blocks(self, blocks, passes=2, progress=True):
         """Learn from frames that do not fit into memory.
@@ -168,42 +186,50 @@ class RegionModel(TransformerMixin, BaseEstimator):
             As `fit`; also for a share of variance in wide regions, whose modes are not all found.
         """
         self._check_settings()
-        found = []
+        learned = self._learned_of_blocks(
+            blocks if callable(blocks) else lambda: iter(blocks), passes, progress
+        )
+        vars(self).pop("feature_names_in_", None)  # blocks have none
+        return self.set_bases(*learned)
+
+    def _learned_of_blocks(self, blocks, passes, progress):
+        """What `set_bases` takes, from frames in blocks."""
+        cuts = []
 
         def columns(n_features):
-            found.extend(self._columns(n_features))
-            if self._is_share and max(map(len, found)) > LARGEST_EXACT:
+            members = self._members(n_features)
+            cut = columns_of(members, n_features)
+            cuts.append((members, cut))
+            if self._is_share and max(map(len, cut)) > LARGEST_EXACT:
                 raise ValueError(
                     f"n_components={self.n_components} is a share of a variance in "
-                    f"{max(map(len, found))} coordinates, too many to be decomposed whole; give a "
+                    f"{max(map(len, cut))} coordinates, too many to be decomposed whole; give a "
                     "number of modes."
                 )
-            return found
+            return cut
 
         n_frames, mean, components, variances = components_of_blocks(
-            blocks if callable(blocks) else lambda: iter(blocks),
-            columns,
-            self._most,
-            self.random_state,
-            passes,
-            progress=progress,
+            blocks, columns, self._most, self.random_state, passes, progress=progress
         )
-        self._check_count(n_frames, found)
-        self.mean_, self.n_features_in_ = mean, len(mean)
-        return self._keep(found, components, variances)
+        members, cut = cuts[0]
+        wanted = self._wanted(n_frames, cut)
+        return mean, members, *_cut(components, variances, wanted, self.spread)
 
     @property
     def _is_share(self):
-        return not isinstance(self.n_components, (int, np.integer))
+        return isinstance(self.n_components, (float, np.floating))
 
     @property
     def _most(self):
         """Modes that one region may need."""
-        return np.inf if self._is_share else int(self.n_components)
+        n = self.n_components
+        return N_COMPONENTS if n is None else np.inf if self._is_share else int(n)
 
     def _check_settings(self):
         n = self.n_components
-        if isinstance(n, bool) or not isinstance(n, (int, float, np.integer, np.floating)):
+        if isinstance(n, bool) or not (
+            n is None or isinstance(n, (int, float, np.integer, np.floating))
+        ):
             raise TypeError(
                 f"n_components={n!r} is neither an integer nor a share between 0 and 1."
             )
@@ -218,11 +244,10 @@ class RegionModel(TransformerMixin, BaseEstimator):
         if self.regions is not None:
             _check_regions(self.regions)
 
-    def _columns(self, n_features):
-        """Columns of each region; the regions' vertices are kept as `members_`."""
+    def _members(self, n_features):
+        """Vertices of each region, None where the whole face is one; refused if they do not fit."""
         if self.regions is None:
-            self.members_ = None
-            return [np.arange(n_features)]
+            return None
         wanted = 3 * self.regions.mesh.n_vertices
         if n_features != wanted:
             raise ValueError(
@@ -230,61 +255,23 @@ class RegionModel(TransformerMixin, BaseEstimator):
                 f"{self.regions.mesh.n_vertices} vertices and ask for {wanted}; train on "
                 "motion of the mesh that was segmented, or carry the regions over."
             )
-        self.members_ = self.regions.members
-        return [_columns(vertices) for vertices in self.members_]
+        return self.regions.members
 
-    def _check_count(self, n_frames, columns):
-        """Refuse more modes than frames and coordinates allow."""
+    def _wanted(self, n_frames, columns):
+        """Number or share of modes to keep, refused if frames and coordinates do not allow it."""
         limits = np.minimum(n_frames - 1, [len(c) for c in columns])
         each = self.spread == "each"
         # one region's own limit only cuts that region short; the frames limit all
         n_coordinates = len(np.unique(np.concatenate(columns)))
         most = min(n_frames - 1, n_coordinates) if each else int(limits.sum())
+        if self.n_components is None:
+            return min(N_COMPONENTS, most)
         if not self._is_share and not 1 <= self.n_components <= most:
             raise ValueError(
                 f"n_components={self.n_components}, but {n_frames} frames of {n_coordinates} "
                 f"coordinates allow 1 to {most}; lower n_components or add frames."
             )
-
-    def _keep(self, columns, components, variances):
-        """Cut what was found down to what was asked for."""
-        counts = _how_many(variances, self.n_components, self.spread)
-        pairs = list(zip(components, variances, counts, strict=True))
-        return self._set_bases(columns, [B[:n] for B, _, n in pairs], [v[:n] for _, v, n in pairs])
-
-    def _set_bases(self, columns, components, variances):
-        self.columns_ = columns
-        self.components_ = [np.ascontiguousarray(B) for B in components]
-        self.variances_ = variances
-        self.n_components_ = np.array([len(B) for B in components])
-        ends = np.cumsum(self.n_components_)
-        self.slices_ = [slice(e - p, e) for e, p in zip(ends, self.n_components_, strict=True)]
-        self.holders_ = np.bincount(np.concatenate(columns), minlength=len(self.mean_))
-        self.boundary_ = self._boundary_matrix()
-        self._fit_solvers = {}
-        self.__dict__.pop("_gradient_blend", None)
-        return self
-
-    def _boundary_matrix(self, samples=None):
-        """Matrix of the boundary term, summed over some vertices or over all."""
-        n = int(self.n_components_.sum())
-        counts = np.arange(len(self.mean_)) if samples is None else _columns(samples)
-        L = np.zeros((n, n))
-        for i, (columns_i, B_i, s_i) in enumerate(self._parts()):
-            for columns_j, B_j, s_j in self._parts()[i + 1 :]:
-                shared, at_i, at_j = np.intersect1d(columns_i, columns_j, return_indices=True)
-                counted = np.isin(shared, counts)
-                at_i, at_j = at_i[counted], at_j[counted]
-                if at_i.size:  # ||B_j^i c^i - B_i^j c^j||^2, each pair of regions once
-                    in_i, in_j = B_i[:, at_i], B_j[:, at_j]
-                    L[s_i, s_i] += in_i @ in_i.T
-                    L[s_j, s_j] += in_j @ in_j.T
-                    L[s_i, s_j] -= in_i @ in_j.T
-                    L[s_j, s_i] -= in_j @ in_i.T
-        return L
-
-    def _parts(self):
-        return list(zip(self.columns_, self.components_, self.slices_, strict=True))
+        return self.n_components
 
     def truncated(self, n_components, spread="each"):
         """A new model with only the strongest modes: what `fit` would have kept, without fitting.
@@ -303,7 +290,9 @@ class RegionModel(TransformerMixin, BaseEstimator):
         if type(self) is RegionModel:
             other.spread = spread
         other._check_settings()
-        return other._keep(self.columns_, self.components_, self.variances_)
+        wanted = N_COMPONENTS if n_components is None else n_components
+        cut = _cut(self.components_, self.variances_, wanted, other.spread)
+        return other.set_bases(self.mean_, self.members_, *cut)
 
     @staticmethod
     def from_bases(regions, mean, bases, beta=0.5, blending="mean"):
@@ -334,13 +323,13 @@ class RegionModel(TransformerMixin, BaseEstimator):
         ValueError
             For another number of bases than of regions, wrong shapes, or values not finite.
         """
-        mean = np.asarray(mean, dtype=float).ravel()
         model = RegionModel(regions, beta=beta, blending=blending)
         model._check_settings()
-        mean = as_finite(mean, "mean", ("3 * n_vertices",))
-        columns = model._columns(len(mean))
+        mean = as_finite(np.ravel(mean), "mean", ("3 * n_vertices",))
+        members = model._members(len(mean))
+        columns = columns_of(members, len(mean))
         if not isinstance(bases, (list, tuple)):
-            shapes = np.asarray(bases, dtype=float)
+            shapes = np.asanyarray(bases)
             shapes = as_finite(shapes.reshape(len(shapes), -1), "bases", ("P", len(mean)))
             bases = [shapes[:, c] for c in columns]
         if len(bases) != len(columns):
@@ -349,13 +338,14 @@ class RegionModel(TransformerMixin, BaseEstimator):
             as_finite(B, f"bases[{i}]", ("P", len(c)))
             for i, (B, c) in enumerate(zip(bases, columns, strict=True))
         ]
-        model.units_ = [np.flatnonzero(B.any(axis=1)) for B in bases]
-        if not sum(map(len, model.units_)):
+        units = [np.flatnonzero(B.any(axis=1)) for B in bases]
+        if not sum(map(len, units)):
             raise ValueError("bases are all zero: nothing would ever move.")
-        model.mean_, model.n_features_in_ = mean, len(mean)
-        model.n_components = max(map(len, model.units_))
-        kept = [B[units] for B, units in zip(bases, model.units_, strict=True)]
-        return model._set_bases(columns, kept, None)
+        model.n_components = max(map(len, units))
+        kept = [B[rows] for B, rows in zip(bases, units, strict=True)]
+        model.set_bases(mean, members, kept, None)
+        model.units_ = units
+        return model
 
     # --- coefficients and faces -------------------------------------------------------------------
 
@@ -373,21 +363,19 @@ class RegionModel(TransformerMixin, BaseEstimator):
             zeta: the coefficients of region after region.
         """
         check_is_fitted(self)
-        X = validate_data(
-            self, X, reset=False, dtype=[np.float64, np.float32], ensure_all_finite=False
-        )
-        D = as_finite(X, "X", X.shape, remedy=_FILL) - self.mean_
-        rhs = np.concatenate([D[:, columns] @ B.T for columns, B, _ in self._parts()], axis=1)
-        return self._fit_solver(check_number(self.beta, "beta", low=0))(rhs.T).T
-
-    def _fit_solver(self, beta):
-        if beta not in self._fit_solvers:
-            A = beta * self.boundary_
-            for _, B, s in self._parts():
-                A[s, s] += B @ B.T
-            self._fit_solvers.clear()  # that of the last beta is enough
-            self._fit_solvers[beta] = _solver(A)
-        return self._fit_solvers[beta]
+        refuse_mask(X, "X", _FILL)
+        if not (isinstance(X, np.memmap) and X.ndim == 2):  # one of those is never read whole
+            kinds = [np.float64, np.float32]
+            X = validate_data(self, X, reset=False, dtype=kinds, ensure_all_finite=False)
+        validate_data(self, X, reset=False, skip_check_array=True)
+        Z, start = np.empty((len(X), self.n_coefficients)), 0
+        for rows in row_blocks(X):
+            stop = start + len(rows)
+            where = "" if len(rows) == len(X) else f"frames {start} to {stop - 1}"
+            D = as_finite(rows, "X", rows.shape, where, _FILL)
+            Z[start:stop] = self.solved(D - self.mean_)
+            start = stop
+        return Z
 
     def inverse_transform(self, Z):
         """Faces from coefficients, regions made one surface by `blend`.
@@ -402,99 +390,17 @@ class RegionModel(TransformerMixin, BaseEstimator):
             Displacements from the neutral, millimetres.
         """
         check_is_fitted(self)
-        Z = np.atleast_2d(np.asarray(Z, dtype=float))
-        if Z.shape[1] != self.boundary_.shape[0]:
+        Z = np.atleast_2d(np.asanyarray(Z))
+        if Z.shape[-1] != self.n_coefficients:
             raise ValueError(
-                f"Z has {Z.shape[1]} columns, but the model has {self.boundary_.shape[0]} "
+                f"Z has {Z.shape[-1]} columns, but the model has {self.n_coefficients} "
                 "coefficients."
             )
-        return self.mean_ + self.blend(Z)
-
-    def blend(self, Z):
-        """Displacements from the mean face for rows of coefficients, as one surface.
-
-        `blending="mean"`: shared vertices are the mean of their regions, the rest is as its
-        region has it, and a gap ends as a step beside the shared vertices. "gradient": the
-        surface whose differences along the edges of the mesh are the mean of those that the
-        regions want, drawn softly to the mean of the regions; a gap is spread over about
-        `BLEND_REACH` on both sides. Where regions agree both are the same. Both are linear in Z.
-
-        Parameters
-        ----------
-        Z : ndarray of shape (n_frames, P)
-
-        Returns
-        -------
-        X : ndarray of shape (n_frames, 3 * n_vertices)
-            Millimetres.
-
-        References
-        ----------
-        Tena et al. 2011, section 3.1, "gradient domain methods"; Sorkine et al. 2004. The weights
-        and the soft anchors are ours.
-        """
-        if self._blends_gradients:
-            n, copies = len(Z), [B.T @ Z[:, s].T for _, B, s in self._parts()]
-            stacked = np.concatenate([x.reshape(-1, 3 * n) for x in copies])
-            x = self._gradient_blend.carry(stacked)
-            return x.reshape(-1, 3, n).transpose(2, 0, 1).reshape(n, -1)
-        X = np.zeros((len(self.mean_), len(Z)))  # so that regions are added row by row
-        for columns, B, s in self._parts():
-            X[columns] += B.T @ Z[:, s].T
-        X /= self.holders_[:, None]
-        return X.T
-
-    def blend_rows(self, vertex):
-        """One vertex of `blend` as a linear function of the coefficients: shape (3, P)."""
-        if not self._blends_gradients:
-            weights = [(c[::3] == 3 * vertex) / self.holders_[3 * vertex] for c in self.columns_]
-        else:
-            ends = np.cumsum([len(c) // 3 for c in self.columns_])
-            weights = np.split(self._gradient_blend.weights(vertex), ends[:-1])
-        rows = np.zeros((3, self.n_coefficients_))
-        for (_, B, s), w in zip(self._parts(), weights, strict=True):
-            used = np.flatnonzero(w)
-            rows[:, s] = np.einsum("v,pva->ap", w[used], B.reshape(len(B), len(w), 3)[:, used])
-        return rows
-
-    @property
-    def _blends_gradients(self):
-        check_choice(self.blending, "blending", ("mean", "gradient"))
-        return self.blending == "gradient" and self.members_ is not None
-
-    @cached_property
-    def _gradient_blend(self):
-        return GradientBlend(self.regions.mesh, self.members_)
-
-    def __getstate__(self):
-        left_out = ("_gradient_blend", "_fit_solvers")  # factors: found again when needed
-        state = {k: v for k, v in super().__getstate__().items() if k not in left_out}
-        return {**state, "_fit_solvers": {}}
+        return self.mean_ + self.blend(as_finite(Z, "Z", ("n_frames", "P"), remedy=_FILL))
 
     def reconstruct(self, X):
         """The model's best version of each frame, shape (n_frames, 3 * n_vertices)."""
         return self.inverse_transform(self.transform(X))
-
-    def boundary_gap(self, Z):
-        """Root mean square difference of shared vertices between regions, in each frame.
-
-        Returns
-        -------
-        gap : ndarray of shape (n_frames,)
-            Millimetres; over all pairs of regions and the vertices they share.
-        """
-        check_is_fitted(self)
-        Z = np.atleast_2d(Z)
-        pairs = 0
-        for i, (columns_i, _, _) in enumerate(self._parts()):
-            pairs += sum(len(np.intersect1d(columns_i, c)) for c, _, _ in self._parts()[i + 1 :])
-        squares = np.einsum("fp,pq,fq->f", Z, self.boundary_, Z).clip(min=0)
-        return np.sqrt(squares / max(pairs / 3, 1))
-
-    @property
-    def n_coefficients_(self):
-        """P: number of coefficients of all regions together."""
-        return int(self.n_components_.sum())
 
     # --- files ------------------------------------------------------------------------------------
 
@@ -505,9 +411,10 @@ class RegionModel(TransformerMixin, BaseEstimator):
         `random_state` and what the segmentation tried are not kept.
         """
         check_is_fitted(self)
+        n = self.n_components
         arrays = dict(
             model=type(self).__name__,
-            n_components=self.n_components,
+            n_components=[] if n is None else n,
             beta=self.beta,
             spread=self.spread,
             blending=self.blending,
@@ -518,8 +425,61 @@ class RegionModel(TransformerMixin, BaseEstimator):
         if self.variances_ is not None:
             arrays["variances"] = np.concatenate(self.variances_)
         if self.regions is not None:
-            arrays |= packed_regions(self.regions)
+            arrays |= self.regions.packed()
         save_npz(path, *FILE, **arrays)
+
+    @classmethod
+    def unpacked(cls, stored):
+        """The model of a file that `save` wrote.
+
+        Parameters
+        ----------
+        stored : StoredArrays
+            Open; sizes are compared before an array is read.
+
+        Raises
+        ------
+        ValueError, TypeError
+            For arrays that are missing, do not fit together or make no model.
+        """
+        model = cls._of_settings(stored)
+        mean = as_finite(stored.read("mean", ("n_features",), "f"), "mean", ("n_features",))
+        members = model._members(len(mean))
+        widths = [len(c) for c in columns_of(members, len(mean))]
+        counts = stored.read("counts", (len(widths),), "iu")
+        most = model._most * (1 if model.spread == "each" else len(counts))
+        if counts.min() < 0 or not 0 < counts.max() <= most or len(mean) == 0:
+            raise ValueError(f"counts={counts.tolist()[:6]} are no numbers of modes of each region")
+        counts = counts.tolist()
+        sizes = [n * width for n, width in zip(counts, widths, strict=True)]
+        flat = as_finite(stored.read("components", (sum(sizes),), "f"), "components", (sum(sizes),))
+        variances = None
+        if "variances" in stored:
+            variances = _variances(stored.read("variances", (sum(counts),), "f"), counts)
+        rows = np.split(flat, np.cumsum(sizes)[:-1])
+        components = [x.reshape(n, -1) for x, n in zip(rows, counts, strict=True)]
+        return model.set_bases(mean, members, components, variances)
+
+    @classmethod
+    def _of_settings(cls, stored):
+        """A model that has learned nothing, with the settings of a file."""
+        unset = stored.shape("n_components") == (0,)
+        n = stored.read("n_components", (0,) if unset else (), "iuf")
+        settings = dict(
+            n_components=None if unset else n.item(),
+            beta=stored.read("beta", (), "iuf").item(),
+            spread=stored.read("spread", (), "U").item(),
+            blending=stored.read("blending", (), "U").item(),
+            regions=Regions.unpacked(stored) if "labels" in stored else None,
+        )
+        model = cls()
+        for name, value in settings.items():
+            if name in model.get_params(deep=False):
+                setattr(model, name, value)
+            elif value != getattr(model, name):
+                raise ValueError(f"{name}={value!r}, which a {cls.__name__} cannot have")
+        model._check_settings()
+        return model
 
 
 def _check_regions(regions):
@@ -537,6 +497,22 @@ def _check_regions(regions):
         )
 
 
+def _variances(flat, counts):
+    """Variances of each region, refused unless they can be: never negative, strongest first."""
+    flat = as_finite(flat, "variances", (sum(counts),))
+    variances = np.split(flat, np.cumsum(counts)[:-1])
+    if (flat < 0).any() or any((np.diff(v) > 0).any() for v in variances):
+        raise ValueError("variances are negative, or rise within a region")
+    return variances
+
+
+def _cut(components, variances, wanted, spread):
+    """Modes and variances of each region, cut down to what is wanted."""
+    counts = _how_many(variances, wanted, spread)
+    kept = list(zip(components, variances, counts, strict=True))
+    return [B[:n] for B, _, n in kept], [v[:n] for _, v, n in kept]
+
+
 def _how_many(variances, wanted, spread):
     """Modes that each region keeps, of those whose variances are given: list of int."""
     if spread == "total":
@@ -552,22 +528,3 @@ def _leading_count(variances, wanted):
         return min(int(wanted), len(variances))
     held = np.cumsum(variances)
     return min(int(np.searchsorted(held, wanted * held[-1])) + 1, len(variances))
-
-
-def _solver(A):
-    """Solves A x = b for a symmetric A, never negative; the smallest x where A is singular."""
-    try:
-        factor = cho_factor(A)
-        d = np.diagonal(factor[0])
-        if d.min() > 1e-6 * d.max():  # the squares bound the condition from below
-            return lambda b: cho_solve(factor, b)
-    except np.linalg.LinAlgError:
-        pass
-    values, U = np.linalg.eigh(A)
-    seen = values > len(A) * np.finfo(float).eps * values[-1]
-    U, values = U[:, seen], values[seen]
-    return lambda b: U @ ((U.T @ b) / values[:, None])
-
-
-def _columns(vertices):
-    return (3 * np.asarray(vertices)[:, None] + np.arange(3)).ravel()

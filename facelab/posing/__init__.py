@@ -2,7 +2,6 @@
 
 from facelab.posing.clips import Clip, interpolate
 from facelab.posing.log import replay
-from facelab.posing.rig_solver import RigSolver
 from facelab.posing.sculpt import Sculpt
 from facelab.posing.session import PosingSession
 from facelab.posing.solver import PoseSolver
@@ -13,7 +12,6 @@ __all__ = [
     "PoseSolver",
     "PoseState",
     "PosingSession",
-    "RigSolver",
     "Sculpt",
     "interpolate",
     "replay",

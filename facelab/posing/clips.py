@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from facelab.checks import as_finite, check_choice, check_index, check_number
-from facelab.posing.solver import sizes_of
 from facelab.posing.state import frozen_copy
 
 
@@ -149,7 +148,7 @@ def check_clip(clip, session):
     """Refuse what is no `Clip`, or one whose poses the session's model cannot have."""
     if not isinstance(clip, Clip):
         raise TypeError(f"clip is a {type(clip).__name__}; give a Clip.")
-    P, found = sizes_of(session.model)[1], clip.poses.shape[1]
+    P, found = session.model.n_coefficients, clip.poses.shape[1]
     if found != P:
         raise ValueError(
             f"clip has {found} coefficients in each pose, but the session's model has {P}; use the "

@@ -5,7 +5,6 @@ import hashlib
 import numpy as np
 
 from facelab.geometry.mesh import TriangleMesh
-from facelab.rig import BlendshapeRig
 
 _PROBES = 4  # random projections in a fingerprint
 
@@ -21,15 +20,12 @@ def fingerprint(thing):
 
     Parameters
     ----------
-    thing : RegionModel, HolisticModel, BlendshapeRig or TriangleMesh
+    thing : FaceModel or TriangleMesh
     """
     if isinstance(thing, TriangleMesh):
         faces = hashlib.sha256(np.ascontiguousarray(thing.faces, dtype="<i8")).hexdigest()[:16]
         return _print("mesh", [thing.n_vertices, len(thing.faces), faces], [thing.vertices])
-    if isinstance(thing, BlendshapeRig):
-        return _print("rig", list(thing.names), [thing.deltas])
-    sizes = [len(thing.mean_) // 3, *(int(n) for n in thing.n_components_)]
-    return _print("model", sizes, [thing.mean_, *thing.components_])
+    return _print(*thing.fingerprint_parts())
 
 
 def _print(kind, sizes, arrays):

@@ -7,19 +7,16 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
-from facelab.checks import as_finite, check_index, check_number
+from facelab.checks import as_finite, check_index, check_number, check_type
+from facelab.face_model import FaceModel
 from facelab.geometry.binding import LinearBinding
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.symmetry import MIRROR, check_partners, mirror_partners
-from facelab.models.region import RegionModel
 from facelab.numeric.undo import History, logged
 from facelab.posing.fingerprint import fingerprint
-from facelab.posing.rig_solver import RigSolver
-from facelab.posing.solver import REFERENCE_VERTICES, STIFFNESS, PoseSolver, sizes_of
+from facelab.posing.solver import REFERENCE_VERTICES, STIFFNESS, PoseSolver, check_limit
 from facelab.posing.state import PoseState, state_to_dict
-from facelab.rig import BlendshapeRig
 
 __all__ = [
     "REFERENCE_VERTICES",
@@ -27,7 +24,6 @@ __all__ = [
     "PoseSolver",
     "PoseState",
     "PosingSession",
-    "RigSolver",
     "mirror_partners",
 ]
 
@@ -61,8 +57,9 @@ class PosingSession(History):
 
     Parameters
     ----------
-    model : RegionModel, HolisticModel or BlendshapeRig
-        Fitted on displacements of `neutral` or of its control vertices.
+    model : FaceModel
+        RegionModel, HolisticModel, BlendshapeRig or one of your own; fitted on displacements of
+        `neutral` or of its control vertices.
     neutral : TriangleMesh
         The face at rest that is shown and pulled, millimetres.
     beta : float, default=0.5
@@ -149,14 +146,14 @@ class PosingSession(History):
         self._symmetric = False
         self._check_model(model)
         self._solvers = {}
-        rest = np.zeros(sizes_of(model)[1])
+        rest = np.zeros(model.n_coefficients)
         start = PoseState(
             model,
             {},
             check_number(beta, "beta", low=0),
             check_number(gamma, "gamma", above=0),
             *(rest, rest, rest),
-            limit=_checked_limit(limit, model),
+            limit=check_limit(limit, model),
         )
         self._solver_for(start)  # refuses what it cannot use
         super().__init__(start, clock)
@@ -164,21 +161,17 @@ class PosingSession(History):
         self._shown = None, None  # a state and its vertices
 
     def _check_model(self, model):
-        if not isinstance(model, (RegionModel, BlendshapeRig)):
-            raise TypeError(
-                f"model is a {type(model).__name__}, but a session poses with a RegionModel, a "
-                "HolisticModel or a BlendshapeRig."
-            )
-        if isinstance(model, RegionModel):
-            check_is_fitted(model)
+        remedy = "give a fitted RegionModel or HolisticModel, or a BlendshapeRig"
+        check_type(model, "model", FaceModel, remedy)
+        model.check_fitted()
         sizes = {self.neutral.n_vertices}
         if self.binding is not None:
             sizes.add(len(self.binding.samples))
-        n_model = sizes_of(model)[0]
-        if n_model not in sizes:
+        if model.n_vertices not in sizes:
             raise ValueError(
-                f"the model has {n_model} vertices, but {min(sizes)} are to be posed; train it on "
-                "motion of this face, or give the binding from its control vertices to the face."
+                f"the model has {model.n_vertices} vertices, but {min(sizes)} are to be posed; "
+                "train it on motion of this face, or give the binding from its control vertices to "
+                "the face."
             )
 
     # --- what is shown ----------------------------------------------------------------------------
@@ -320,8 +313,8 @@ class PosingSession(History):
     def plausibility(self):
         """Mahalanobis distance of each region of the pose from training, shape (n_regions,).
 
-        In training its square is the number of the region's modes on average
-        (`model.n_components_`). None for a rig or given bases, which know no variances.
+        In training its square is the number of the region's modes on average. None for a rig or
+        given bases, which know no variances.
         """
         return self._solver.mahalanobis(self.coefficients)
 
@@ -575,15 +568,11 @@ class PosingSession(History):
         return self._solvers[key]
 
     def _new_solver(self, state):
-        n_model = sizes_of(state.model)[0]
-        bound = self.binding is not None and n_model == len(self.binding.samples)
-        binding, on_shown = self.binding if bound else None, not bound
-        if isinstance(state.model, BlendshapeRig):
-            return RigSolver(state.model, state.gamma, binding)
-        mesh = self.neutral if on_shown else None
-        return PoseSolver(
-            state.model, state.beta, state.gamma, self.shared_pins, mesh, binding, state.limit
-        )
+        model = state.model
+        bound = self.binding is not None and model.n_vertices == len(self.binding.samples)
+        binding, mesh = (self.binding, None) if bound else (None, self.neutral)
+        limit = state.limit if model.bounds is None else None
+        return PoseSolver(model, state.beta, state.gamma, self.shared_pins, mesh, binding, limit)
 
     def _step(self, **changes):
         """Solve for the changed state and make it the present one; a change of nothing is none."""
@@ -650,7 +639,7 @@ class PosingSession(History):
             state,
             beta=state.beta if beta is None else check_number(beta, "beta", low=0),
             gamma=state.gamma if gamma is None else check_number(gamma, "gamma", above=0),
-            limit=state.limit if limit is _AS_IT_IS else _checked_limit(limit, state.model),
+            limit=state.limit if limit is _AS_IT_IS else check_limit(limit, state.model),
         )
         self._solver_for(changed)  # refuses what it cannot use
         self.release()
@@ -732,7 +721,7 @@ class PosingSession(History):
         """
         self._check_model(model)
         state = self.state
-        n = sizes_of(model)[1]
+        n = model.n_coefficients
         new = self._solver_for(replace(state, model=model, c_0=np.zeros(n)))
         self.release()
         if model is self.model:
@@ -769,7 +758,7 @@ class PosingSession(History):
         solver = self._solver
         s = solver.slice_of(region)
         k = s.start + check_index(component, "component", s.stop - s.start, "components")
-        value = check_number(value, "value", *solver.bounds)
+        value = check_number(value, "value", *solver.mold_bounds)
         self.release()
         molded = self.state.molded.copy()
         molded[k] = value * solver.deviations[k] - self.state.c_0[k]
@@ -825,18 +814,6 @@ class PosingSession(History):
     def _plain(self, value):
         if isinstance(value, PoseState):
             return state_to_dict(value)
-        if isinstance(value, (RegionModel, BlendshapeRig)):
+        if isinstance(value, FaceModel):
             return fingerprint(value)
         return super()._plain(value)
-
-
-def _checked_limit(limit, model):
-    if limit is None:
-        return None
-    limit = check_number(limit, "limit", above=0)
-    if isinstance(model, BlendshapeRig):
-        raise ValueError(
-            f"limit={limit:g} counts standard deviations, but the model is a rig, whose weights "
-            "stay within 0 and 1 anyway; leave the limit out."
-        )
-    return limit

@@ -1,8 +1,7 @@
-"""Coefficients of a region model that bring pinned vertices to their targets.
+"""Coefficients of a model that bring pinned vertices to their targets.
 
 Tena et al. 2011, section 3.2. Coefficients here are counted from the neutral face: zero is exactly
-the neutral, in every region, so the part of it that a model cannot express stays. Blendshape rigs
-have `facelab.rig_solver`.
+the neutral, in every region, so the part of it that a model cannot express stays.
 
 A solver knows model, weights and binding. Its `problem(vertices, weights)` settles all that the
 targets of the pins do not change; `problem.solve(targets, c_0, molded)` then gives coefficients.
@@ -12,12 +11,12 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from sklearn.utils.validation import check_is_fitted
 
-from facelab.checks import check_choice, check_index, check_number
-from facelab.motion import MotionSequence
+from facelab.checks import check_choice, check_index, check_number, check_type
+from facelab.face_model import FaceModel
+from facelab.motion import MotionSequence, WeightSequence
+from facelab.numeric.least_squares import solve_bounded
 from facelab.numeric.threads import one_thread
-from facelab.rig import BlendshapeRig
 
 REFERENCE_VERTICES = 397
 """Mesh density at which beta and gamma have the values of the paper."""
@@ -30,15 +29,111 @@ STIFFNESS = 25.0
 _ROWS_KEPT = 1000  # of a few kilobytes each
 
 
-class Solver:
-    """What all solvers share: pins anywhere on the shown face, and what is shown."""
+class PoseSolver:
+    """Coefficients that bring pinned vertices to their targets (Eq. 9 and 10).
 
-    def __init__(self, n_vertices, binding):
-        self.n_vertices = n_vertices
+    The paper's beta and gamma belong to an orthonormal basis on 397 vertices, evenly spread; they
+    are scaled so that both mean the same at every density N.
+
+    - A row of such a basis shrinks with sqrt(N), for a squared coefficient is a sum over the
+      vertices of the motion it makes: gamma is scaled by 397 / N.
+    - The boundary term is a sum over shared vertices, whose number grows with sqrt(N) in a band
+      one edge wide: beta is scaled by sqrt(397 / N).
+    - Regions carried over from a control mesh (`Regions.carried_to`) keep bands as wide as they
+      were. The boundary term is then summed over the n control vertices alone, with
+      sqrt(397 / n): summed over all, it would see gaps between them that it does not see on the
+      control mesh, and hold every pin back.
+    - Dense meshes are seldom even: eyelids and lips would resist more than cheeks. So beyond 397
+      vertices each counts in the last term by its share of the surface in place of 1 / N.
+    - Bases that were given (`RegionModel.from_bases`), and the units of a rig, have lengths of
+      their own: gamma is scaled by their mean square.
+
+    Up to 397 vertices this is Eq. 9 to the letter, with scaled weights. Trained on 397 or on all
+    6,706 vertices of the same face, models answer the same pins alike: the pinned vertex follows
+    as far and the motion reaches as far, within 10 % for about nine pins in ten; the rest is the
+    choice of samples, felt most where the face hardly moves (nose tip, outline of the jaw).
+
+    Parameters
+    ----------
+    model : FaceModel
+        Fitted. Any linear basis will do; it need not be orthonormal. Where its coefficients have
+        bounds, as the weights of a rig, Eq. 9 is a quadratic programme within them.
+    beta : float, default=0.5
+        β: weight of the agreement of regions on shared vertices, 0 or more.
+    gamma : float, default=0.025
+        γ: weight of staying near the state before the pins, more than 0.
+    shared_pins : {"blended", "copies"}
+        What a pin on a vertex of m regions holds. "copies" is Eq. 9 to the letter: each region's
+        copy of the vertex is drawn to the target, which also draws the copies together, so that
+        merely pressing there moves the face (by up to 0.4 mm in our trials). "blended" holds
+        what is seen, the mean of the copies, with m times the weight: pressing changes nothing.
+        Both are the same where one region holds the vertex, and where the copies agree. Between
+        the control vertices of a bound face there are no copies, and pins are blended.
+    mesh : TriangleMesh, optional
+        The mesh of the model, for its areas; the model's own if left out. Where there is none,
+        every vertex counts the same.
+    binding : LinearBinding, optional
+        If the model has only the control vertices of a denser face. Pins are then on vertices of
+        that face: their rows of Eq. 9 are those of the control vertices, mixed as the binding
+        mixes them, so that the very vertex is held.
+    limit : float, optional
+        Standard deviations, as learned in training, beyond which a coefficient is drawn back
+        (`STIFFNESS`); without it the model extrapolates. The pose is then not affine in the
+        targets any more.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For weights out of range, or a limit with a model that knows no standard deviations or
+        has bounds that hold it already.
+
+    References
+    ----------
+    Tena et al. 2011, Eq. 8 to 10. Their Eq. 7 has a wrong index in its last term; Eq. 10 is
+    right. Each pair of regions is summed once. The limit is ours; their section 7 asks for it.
+    Lewis and Anjyo 2010, Direct manipulation blendshapes, whom they quote for rigs, is not at
+    hand: built from section 3.2.
+    """
+
+    def __init__(
+        self,
+        model,
+        beta=0.5,
+        gamma=0.025,
+        shared_pins="blended",
+        mesh=None,
+        binding=None,
+        limit=None,
+    ):
+        check_type(model, "model", FaceModel, "what a model must answer stands in FaceModel")
+        model.check_fitted()
+        self.model = model
+        self.n_vertices = model.n_vertices
+        self.n_coefficients = model.n_coefficients
+        self.slices = model.slices
         self.binding = binding
+        self.shared_pins = check_choice(shared_pins, "shared_pins", ("blended", "copies"))
+        self.beta = check_number(beta, "beta", low=0)
+        self.gamma = check_number(gamma, "gamma", above=0)
+        self.limit = check_limit(limit, model)
+        regions = model.regions
+        samples = None if regions is None else regions.samples
+        n_drawn = self.n_vertices if samples is None else len(samples)
+        boundary = self.beta * np.sqrt(REFERENCE_VERTICES / n_drawn) * model.boundary(samples)
+        weights = vertex_weights(self.n_vertices, model.mesh if mesh is None else mesh)
+        # Eq. 10 as far as it does not depend on the pins, and its last term alone
+        self.last_term = self.gamma * model.resistance(weights)
+        self.at_rest = boundary + self.last_term
         self._kept = {}
 
-    def once(self, what, vertex):
+    @property
+    def affine(self):
+        """Whether the pose is affine in the targets of the pins."""
+        return self.limit is None and self.bounds is None
+
+    # --- pins -------------------------------------------------------------------------------------
+
+    def _once(self, what, vertex):
         """what(vertex), kept for the next time: pins are solved for again and again."""
         key = what.__name__, vertex
         if key not in self._kept:
@@ -54,6 +149,72 @@ class Solver:
         W = self.binding.weights
         at = slice(W.indptr[vertex], W.indptr[vertex + 1])
         return W.indices[at], W.data[at]
+
+    def rows(self, vertex):
+        """What a pin on this vertex holds, shape (3 * n, P): rows of Eq. 9, n times x, y, z.
+
+        n is the number of regions that hold the vertex for pins on copies (each row block is one
+        B_k^i), and 1 for blended pins, whose row is sqrt(m) times that of the vertex seen.
+        """
+        return self.pin(vertex)[0]
+
+    def seen(self, vertex):
+        """How the vertex that is seen follows the coefficients, shape (3, P)."""
+        return self._once(self._seen, vertex)
+
+    def pin(self, vertex):
+        """Rows of a pin, and the right side of Eq. 10 for its unit target: (3 n, P), (P, 3)."""
+        return self._once(self._pin, vertex)
+
+    def _seen(self, vertex):
+        at, share = self.support(vertex)
+        rows = (self._once(self.model.vertex_rows, v) for v in at.tolist())
+        return sum(w * row for w, row in zip(share, rows, strict=True))
+
+    def _pin(self, vertex):
+        at, share = self.support(vertex)
+        if self.shared_pins == "copies" and len(at) == 1:
+            copies = self.model.copy_rows(at[0])
+            return np.concatenate(copies), sum(copies).T
+        m = np.abs(share) @ self.model.holders[at] / np.abs(share).sum()
+        seen = self.seen(vertex)
+        return np.sqrt(m) * seen, m * seen.T
+
+    def problem(self, vertices, weights=None):
+        """Eq. 10 for pins on these vertices of the shown face, all but their targets settled.
+
+        Parameters
+        ----------
+        vertices : sequence of int
+        weights : sequence of float, optional
+            Of the pins, 1 each if left out.
+        """
+        kind = _Bounded if self.bounds is not None else _Limited if self.limit else _Affine
+        return kind(self, vertices, weights)
+
+    def solve(self, pins, c_0=None):
+        """Coefficients at the minimum of Eq. 9.
+
+        Parameters
+        ----------
+        pins : dict of int to ndarray of shape (3,)
+            Vertex to wanted displacement from the neutral, millimetres.
+        c_0 : ndarray of shape (P,), optional
+            State before the pins were set; the neutral if left out.
+
+        Returns
+        -------
+        c : ndarray of shape (P,)
+        """
+        rest = np.zeros(self.n_coefficients)
+        targets = np.array(list(pins.values()), dtype=float).reshape(-1, 3)
+        return self.problem(list(pins)).solve(targets, rest, rest if c_0 is None else c_0)
+
+    # --- faces ------------------------------------------------------------------------------------
+
+    def displacements(self, coefficients):
+        """Displacements from the neutral, shared vertices blended: shape (n, n_vertices, 3)."""
+        return self.model.displacements(coefficients)
 
     def shown(self, coefficients):
         """Displacements of the shown face for rows of coefficients: (n, n_shown, 3), mm."""
@@ -78,15 +239,14 @@ class Solver:
         """
         if self.binding is not None and X.shape[1] == self.binding.mesh.n_vertices:
             X = X[:, self.binding.samples]
-        return self._encode(X.reshape(len(X), -1))
+        return self.model.encode(X)
 
     def encode_take(self, take):
         """Coefficients of the valid frames of a recorded take, shape (n_valid, P)."""
-        if not isinstance(take, MotionSequence):
-            raise TypeError(
-                f"take is a {type(take).__name__}; give a MotionSequence (or recorded weights, if "
-                "the model is a rig)."
-            )
+        if isinstance(take, WeightSequence):
+            return self.model.encode_weights(take)[take.valid]
+        remedy = "give a MotionSequence (or recorded weights, if the model is a rig)"
+        check_type(take, "take", MotionSequence, remedy)
         n, sizes = take.mesh.n_vertices, {self.n_vertices}
         if self.binding is not None:
             sizes.add(self.binding.mesh.n_vertices)
@@ -96,209 +256,7 @@ class Solver:
             )
         return self.encode(take.displacements().reshape(-1, n, 3))
 
-    # --- what a session asks, here as a rig has it: one region, no variances ----------------------
-
-    regions = None
-
-    @property
-    def slices(self):
-        """Where the coefficients of each region are: list of slice."""
-        return [slice(0, self.n_coefficients)]
-
-    def slice_of(self, region):
-        """Where the coefficients of a region are."""
-        slices = self.slices
-        return slices[check_index(region, "region", len(slices), "regions")]
-
-    def mahalanobis(self, coefficients):
-        """Distance of each region from training; None, for it is not known."""
-        return None
-
-    def gaps(self, coefficients):
-        """How far regions disagree at each model vertex, mm: nowhere."""
-        return np.zeros(self.n_vertices)
-
-    def capped(self, vertex, target, start):
-        """The target as far as it is sane; all of it."""
-        return target
-
-
-class PoseSolver(Solver):
-    """Coefficients that bring pinned vertices to their targets (Eq. 9 and 10).
-
-    The paper's beta and gamma belong to an orthonormal basis on 397 vertices, evenly spread; they
-    are scaled so that both mean the same at every density N.
-
-    - A row of such a basis shrinks with sqrt(N), for a squared coefficient is a sum over the
-      vertices of the motion it makes: gamma is scaled by 397 / N.
-    - The boundary term is a sum over shared vertices, whose number grows with sqrt(N) in a band
-      one edge wide: beta is scaled by sqrt(397 / N).
-    - Regions carried over from a control mesh (`Regions.carried_to`) keep bands as wide as they
-      were. The boundary term is then summed over the n control vertices alone, with
-      sqrt(397 / n): summed over all, it would see gaps between them that it does not see on the
-      control mesh, and hold every pin back.
-    - Dense meshes are seldom even: eyelids and lips would resist more than cheeks. So beyond 397
-      vertices each counts in the last term by its share of the surface in place of 1 / N.
-    - Bases that were given (`RegionModel.from_bases`), such as blendshape units, have lengths of
-      their own: gamma is scaled by their mean square.
-
-    Up to 397 vertices this is Eq. 9 to the letter, with scaled weights. Trained on 397 or on all
-    6,706 vertices of the same face, models answer the same pins alike: the pinned vertex follows
-    as far and the motion reaches as far, within 10 % for about nine pins in ten; the rest is the
-    choice of samples, felt most where the face hardly moves (nose tip, outline of the jaw).
-
-    Parameters
-    ----------
-    model : RegionModel or HolisticModel
-        Fitted. Any linear basis will do; it need not be orthonormal.
-    beta : float, default=0.5
-        β: weight of the agreement of regions on shared vertices, 0 or more.
-    gamma : float, default=0.025
-        γ: weight of staying near the state before the pins, more than 0.
-    shared_pins : {"blended", "copies"}
-        What a pin on a vertex of m regions holds. "copies" is Eq. 9 to the letter: each region's
-        copy of the vertex is drawn to the target, which also draws the copies together, so that
-        merely pressing there moves the face (by up to 0.4 mm in our trials). "blended" holds
-        what is seen, the mean of the copies, with m times the weight: pressing changes nothing.
-        Both are the same where one region holds the vertex, and where the copies agree. Between
-        the control vertices of a bound face there are no copies, and pins are blended.
-    mesh : TriangleMesh, optional
-        The mesh of the model, for its areas; that of the model's regions if left out. Where there
-        is none, every vertex counts the same.
-    binding : LinearBinding, optional
-        If the model has only the control vertices of a denser face. Pins are then on vertices of
-        that face: their rows of Eq. 9 are those of the control vertices, mixed as the binding
-        mixes them, so that the very vertex is held.
-    limit : float, optional
-        Standard deviations, as learned in training, beyond which a coefficient is drawn back
-        (`STIFFNESS`); without it the model extrapolates. The pose is then not affine in the
-        targets any more.
-
-    Raises
-    ------
-    ValueError, TypeError
-        For weights out of range, or a limit with a model that knows no variances.
-
-    References
-    ----------
-    Tena et al. 2011, Eq. 8 to 10. Their Eq. 7 has a wrong index in its last term; Eq. 10 is
-    right. Each pair of regions is summed once. The limit is ours; their section 7 asks for it.
-    """
-
-    def __init__(
-        self,
-        model,
-        beta=0.5,
-        gamma=0.025,
-        shared_pins="blended",
-        mesh=None,
-        binding=None,
-        limit=None,
-    ):
-        check_is_fitted(model)
-        super().__init__(len(model.mean_) // 3, binding)
-        self.model = model
-        self.shared_pins = check_choice(shared_pins, "shared_pins", ("blended", "copies"))
-        self.beta = check_number(beta, "beta", low=0)
-        self.gamma = check_number(gamma, "gamma", above=0)
-        self.limit = limit if limit is None else check_number(limit, "limit", above=0)
-        if limit is not None and model.variances_ is None:
-            raise ValueError(
-                f"limit={limit:g} counts standard deviations, but the model was made of given "
-                "bases and knows none; leave the limit out."
-            )
-        regions = model.regions
-        if mesh is None and regions is not None:
-            mesh = regions.mesh
-        samples = None if regions is None else regions.samples
-        boundary, n_drawn = model.boundary_, self.n_vertices
-        if samples is not None:
-            boundary, n_drawn = model._boundary_matrix(samples), len(samples)
-        weights = vertex_weights(self.n_vertices, mesh)
-        self._gamma = self.gamma * _coefficient_weights(model, weights)
-        # the part of the matrix of Eq. 10 that does not depend on the pins
-        self._at_rest = self.beta * np.sqrt(REFERENCE_VERTICES / n_drawn) * boundary + self._gamma
-
-    @property
-    def n_coefficients(self):
-        """P: number of coefficients."""
-        return self.model.n_coefficients_
-
-    @property
-    def affine(self):
-        """Whether the pose is affine in the targets of the pins."""
-        return self.limit is None
-
-    # --- pins -------------------------------------------------------------------------------------
-
-    def rows(self, vertex):
-        """What a pin on this vertex holds, shape (3 * n, P): rows of Eq. 9, n times x, y, z.
-
-        n is the number of regions that hold the vertex for pins on copies (each row block is one
-        B_k^i), and 1 for blended pins, whose row is sqrt(m) times that of the vertex seen.
-        """
-        return self._pin(vertex)[0]
-
-    def seen(self, vertex):
-        """How the vertex that is seen follows the coefficients, shape (3, P)."""
-        at, share = self.support(vertex)
-        rows = (self.once(self.model.blend_rows, v) for v in at.tolist())
-        return sum(w * row for w, row in zip(share, rows, strict=True))
-
-    def _copies(self, v):
-        """One row block (3, P) for each region that holds a model vertex."""
-        found = []
-        for columns, B, s in self.model._parts():
-            first = np.searchsorted(columns, 3 * v)
-            if first < len(columns) and columns[first] == 3 * v:
-                row = np.zeros((3, self.n_coefficients))
-                row[:, s] = B[:, first : first + 3].T
-                found.append(row)
-        return found
-
-    def _pin(self, vertex):
-        """Rows of a pin, and the right side of Eq. 10 for its unit target: (3 n, P), (P, 3)."""
-        at, share = self.support(vertex)
-        if self.shared_pins == "copies" and len(at) == 1:
-            copies = self._copies(at[0])
-            return np.concatenate(copies), sum(copies).T
-        m = np.abs(share) @ self.model.holders_[3 * at] / np.abs(share).sum()
-        seen = self.seen(vertex)
-        return np.sqrt(m) * seen, m * seen.T
-
-    def problem(self, vertices, weights=None):
-        """Eq. 10 for pins on these vertices of the shown face, all but their targets settled.
-
-        Parameters
-        ----------
-        vertices : sequence of int
-        weights : sequence of float, optional
-            Of the pins, 1 each if left out.
-        """
-        return (_Affine if self.affine else _Limited)(self, vertices, weights)
-
-    def solve(self, pins, c_0=None):
-        """Coefficients at the minimum of Eq. 9.
-
-        Parameters
-        ----------
-        pins : dict of int to ndarray of shape (3,)
-            Vertex to wanted displacement from the neutral, millimetres.
-        c_0 : ndarray of shape (P,), optional
-            State before the pins were set; the neutral if left out.
-
-        Returns
-        -------
-        c : ndarray of shape (P,)
-        """
-        rest = np.zeros(self.n_coefficients)
-        targets = np.array(list(pins.values()), dtype=float).reshape(-1, 3)
-        return self.problem(list(pins)).solve(targets, rest, rest if c_0 is None else c_0)
-
     # --- what coefficients mean -------------------------------------------------------------------
-
-    mold_ends = (-3.0, 3.0)
-    bounds = (None, None)
 
     @property
     def regions(self):
@@ -306,33 +264,50 @@ class PoseSolver(Solver):
         return self.model.regions
 
     @property
-    def slices(self):
-        """Where the coefficients of each region are: list of slice."""
-        return self.model.slices_
+    def bounds(self):
+        """Ends that hold for every coefficient, None if they are free."""
+        return self.model.bounds
+
+    @property
+    def mold_bounds(self):
+        """Ends of what a slider may be set to, None where there are none: a pair."""
+        return (None, None) if self.bounds is None else self.bounds
+
+    @property
+    def mold_ends(self):
+        """Sensible ends of a slider: the bounds, or 3 standard deviations."""
+        return (-3.0, 3.0) if self.bounds is None else self.bounds
+
+    def slice_of(self, region):
+        """Where the coefficients of a region are."""
+        return self.slices[check_index(region, "region", len(self.slices), "regions")]
 
     def names(self, region):
         """Names of a region's components."""
-        s = self.slice_of(region)
-        return [f"component {k + 1}" for k in range(s.stop - s.start)]
+        self.slice_of(region)
+        return self.model.component_names(region)
 
     def check(self, coefficients):
-        """Any coefficients are allowed."""
+        """Refuse coefficients outside the bounds."""
+        low, high = coefficients.min(), coefficients.max()
+        if self.bounds is not None and (low < self.bounds[0] or high > self.bounds[1]):
+            raise ValueError(
+                f"coefficients run from {low:g} to {high:g}, but those of this model lie between "
+                "{:g} and {:g}.".format(*self.bounds)
+            )
 
     def clipped(self, coefficients):
-        """The coefficients as far as they are allowed; all of them."""
-        return coefficients
-
-    def displacements(self, coefficients):
-        """Displacements from the neutral, shared vertices blended: shape (n, n_vertices, 3)."""
-        return self.model.blend(np.atleast_2d(coefficients)).reshape(-1, self.n_vertices, 3)
-
-    def _encode(self, X):
-        return self.model.transform(X) - self.neutral
+        """The coefficients as far as they are allowed."""
+        return coefficients if self.bounds is None else coefficients.clip(*self.bounds)
 
     @cached_property
-    def neutral(self):
-        """Coefficients of the neutral counted from the mean face, as training has them: (P,)."""
-        return self.model.transform(np.zeros((1, 3 * self.n_vertices)))[0]
+    def _training(self):
+        return self.model.training()
+
+    @property
+    def centre(self):
+        """Coefficients of the mean of training, counted from the neutral: (P,); 0 if unknown."""
+        return np.zeros(self.n_coefficients) if self._training is None else self._training[0]
 
     @cached_property
     def deviations(self):
@@ -340,9 +315,9 @@ class PoseSolver(Solver):
 
         Never below a thousandth of the largest: nothing is impossible.
         """
-        if self.model.variances_ is None:
+        if self._training is None:
             return np.ones(self.n_coefficients)
-        sd = np.sqrt(np.concatenate(self.model.variances_))
+        sd = self._training[1]
         return np.maximum(sd, max(1e-3 * sd.max(), 1e-12))
 
     def reach(self, vertex):
@@ -351,7 +326,7 @@ class PoseSolver(Solver):
         The mean of training, and twice the limit in standard deviations of the vertex.
         """
         seen = self.seen(vertex)
-        return -seen @ self.neutral, 2 * self.limit * np.linalg.norm(seen * self.deviations)
+        return seen @ self.centre, 2 * self.limit * np.linalg.norm(seen * self.deviations)
 
     def capped(self, vertex, target, start):
         """A displacement target brought back to what can be reached, if there is a limit: (3,)."""
@@ -366,50 +341,45 @@ class PoseSolver(Solver):
         """Distance of each region from training, shape (n_regions,); None if variances are unknown.
 
         The root of the sum of squared standard deviations over the region's modes: its square is
-        n_components_ on average in training.
+        their number on average in training.
         """
-        if self.model.variances_ is None:
+        if self._training is None:
             return None
-        z = (coefficients + self.neutral) / self.deviations
-        return np.array([np.linalg.norm(z[s]) for s in self.model.slices_])
+        z = (coefficients - self.centre) / self.deviations
+        return np.array([np.linalg.norm(z[s]) for s in self.slices])
 
     def gaps(self, coefficients):
         """Largest distance of a region's copy of each model vertex from the vertex seen: (N,), mm.
 
         This is what blending hides (Fig. 2, upper row).
         """
-        seen = self.displacements(coefficients).ravel()
-        gap = np.zeros(self.n_vertices)
-        for columns, B, s in self.model._parts():
-            off = np.linalg.norm((coefficients[s] @ B - seen[columns]).reshape(-1, 3), axis=1)
-            at = columns[::3] // 3
-            gap[at] = np.maximum(gap[at], off)
-        return np.where(self.model.holders_[::3] > 1, gap, 0)
+        return self.model.gaps(coefficients)
 
 
-class _Affine:
-    """Eq. 10 for certain pins: minimised for y, the change from a state whose gaps are forgiven."""
+class _Problem:
+    """Eq. 10 for certain pins, for y: the change from a state whose gaps are forgiven."""
 
     def __init__(self, solver, vertices, weights=None):
         self.solver = solver
         self.vertices = list(vertices)
-        weights = np.ones(len(self.vertices)) if weights is None else weights
-        pins = [solver.once(solver._pin, v) for v in self.vertices]
-        self._pull = np.zeros((solver.n_coefficients, 3 * len(pins)))
-        A = solver._at_rest.copy()
-        for k, ((J, pull), w) in enumerate(zip(pins, weights, strict=True)):
-            A += w * J.T @ J
-            self._pull[:, 3 * k : 3 * k + 3] = w * pull
-        self._seen = [solver.once(solver.seen, v) for v in self.vertices]
-        self._settle(A)
+        P, pins = solver.n_coefficients, [solver.pin(v) for v in self.vertices]
+        weights = np.ones(len(pins)) if weights is None else np.asarray(weights, dtype=float)
+        self._pull = np.concatenate(
+            [np.zeros((P, 0)), *(w * pull for (_, pull), w in zip(pins, weights, strict=True))],
+            axis=1,
+        )
+        rows = [np.sqrt(w) * J for (J, _), w in zip(pins, weights, strict=True)]
+        J = np.concatenate([np.zeros((0, P)), *rows])
+        self._seen = np.concatenate([np.zeros((0, P)), *map(solver.seen, self.vertices)])
+        self._settle(solver.at_rest + J.T @ J)
 
     def _settle(self, A):
-        with one_thread():
-            self.factor = cho_factor(A, overwrite_a=True, check_finite=False)
+        """Make ready to solve with the matrix of Eq. 10, shape (P, P)."""
+        raise NotImplementedError
 
     def _right(self, targets, c_0, molded):
-        before = np.array([S @ c_0 for S in self._seen]).reshape(-1, 3)
-        return self.solver._gamma @ molded + self._pull @ (targets - before).ravel()
+        off = np.ravel(targets) - self._seen @ c_0
+        return self.solver.last_term @ molded + self._pull @ off
 
     def solve(self, targets, c_0, molded):
         """Coefficients, shape (P,).
@@ -423,8 +393,20 @@ class _Affine:
         molded : ndarray of shape (P,)
             Offset of the state that the last term holds to: that state is c_0 + molded.
         """
+        raise NotImplementedError
+
+
+class _Affine(_Problem):
+    """Solved by one factor, found when the pins are set."""
+
+    def _settle(self, A):
         with one_thread():
-            y = cho_solve(self.factor, self._right(targets, c_0, molded), check_finite=False)
+            self._factor = cho_factor(A, overwrite_a=True, check_finite=False)
+
+    def solve(self, targets, c_0, molded):
+        """As `_Problem.solve`."""
+        with one_thread():
+            y = cho_solve(self._factor, self._right(targets, c_0, molded), check_finite=False)
         return c_0 + y
 
     def slope(self, k):
@@ -433,11 +415,11 @@ class _Affine:
         While one pin moves the matrix of Eq. 10 stands still, so the pose is affine in its target.
         """
         with one_thread():
-            return cho_solve(self.factor, self._pull[:, 3 * k : 3 * k + 3], check_finite=False)
+            return cho_solve(self._factor, self._pull[:, 3 * k : 3 * k + 3], check_finite=False)
 
 
-class _Limited(_Affine):
-    """Eq. 10 with a cost on coefficients beyond the limit, solved by Newton's method.
+class _Limited(_Problem):
+    """With a cost on coefficients beyond the limit, solved by Newton's method.
 
     The energy is convex, and quadratic for as long as the same coefficients are beyond: each step
     solves for the present ones, and it ends when they stay the same. Their number is small, so the
@@ -445,14 +427,15 @@ class _Limited(_Affine):
     """
 
     def _settle(self, A):
-        self._A, self._last = A.copy(), None
-        super()._settle(A)
+        self._A, self._last = A, None
         with one_thread():
-            self._inverse = cho_solve(self.factor, np.eye(len(A)), check_finite=False)
+            factor = cho_factor(A, check_finite=False)
+            self._inverse = cho_solve(factor, np.eye(len(A)), check_finite=False)
 
     def solve(self, targets, c_0, molded):
+        """As `_Problem.solve`."""
         solver, sd = self.solver, self.solver.deviations
-        lo, hi = (sign * solver.limit * sd - solver.neutral - c_0 for sign in (-1, 1))
+        lo, hi = (sign * solver.limit * sd + solver.centre - c_0 for sign in (-1, 1))
         lo, hi = np.minimum(lo, 0), np.maximum(hi, 0)  # a kept pose stays where it is
         b, stiff = self._right(targets, c_0, molded), STIFFNESS / sd**2
 
@@ -480,11 +463,37 @@ class _Limited(_Affine):
         raise AssertionError("the limited solve did not end")
 
 
-def sizes_of(model):
-    """Number of vertices and of coefficients of a region model or a rig."""
-    if isinstance(model, BlendshapeRig):
-        return model.neutral.n_vertices, len(model.names)
-    return len(model.mean_) // 3, model.n_coefficients_
+class _Bounded(_Problem):
+    """Within the bounds of the coefficients; each solve starts from the bounds of the last."""
+
+    def _settle(self, A):
+        self._A, self._at = A, None
+        self._ends = [np.full(len(A), end) for end in self.solver.bounds]
+
+    def solve(self, targets, c_0, molded):
+        """As `_Problem.solve`."""
+        g = self._right(targets, c_0, molded) + self._A @ c_0
+        w, self._at = solve_bounded(self._A, g, *self._ends, self._at)
+        return w
+
+
+def check_limit(limit, model):
+    """The limit as a number or None, refused where the model has no use for one."""
+    if limit is None:
+        return None
+    limit = check_number(limit, "limit", above=0)
+    why = None
+    if model.bounds is not None:
+        why = "the coefficients of this model stay within {:g} and {:g} anyway".format(
+            *model.bounds
+        )
+    elif model.training() is None:
+        why = "this model was made of given bases and knows none"
+    if why:
+        raise ValueError(
+            f"limit={limit:g} counts standard deviations, but {why}; leave the limit out."
+        )
+    return limit
 
 
 def vertex_weights(n_vertices, mesh):
@@ -495,18 +504,3 @@ def vertex_weights(n_vertices, mesh):
         mesh.vertex_areas, mesh.vertex_areas.mean() / 100
     )  # a vertex of slivers still counts a little
     return REFERENCE_VERTICES * areas / areas.sum()
-
-
-def _coefficient_weights(model, weights):
-    """W of the last term (c_0 - c)^T W (c_0 - c): 397 / N times one for even weights, (P, P)."""
-    scale = 1.0
-    if model.variances_ is None:  # bases given in units of their own
-        scale = np.mean(np.concatenate([(B**2).sum(axis=1) for B in model.components_]))
-    if np.ptp(weights) == 0:
-        return scale * weights[0] * np.eye(model.n_coefficients_)
-    W = np.zeros((model.n_coefficients_,) * 2)
-    for columns, B, s in model._parts():
-        U, _, Vt = np.linalg.svd(B, full_matrices=False)
-        Q = U @ Vt  # B itself where it is orthonormal, else the orthonormal basis nearest to it
-        W[s, s] = scale * (Q * np.repeat(weights, 3)[columns]) @ Q.T
-    return W

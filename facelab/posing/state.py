@@ -7,7 +7,6 @@ import numpy as np
 
 from facelab.checks import as_finite, check_index, check_number
 from facelab.posing.fingerprint import differs, fingerprint
-from facelab.posing.solver import sizes_of
 
 
 def frozen_copy(array):
@@ -25,7 +24,7 @@ class PoseState:
 
     Parameters
     ----------
-    model : RegionModel, HolisticModel or BlendshapeRig
+    model : FaceModel
     pins : mapping of int to ndarray of shape (3,)
         Vertex of the shown face to wanted displacement from the neutral, millimetres.
     beta, gamma : float
@@ -109,7 +108,7 @@ def state_from_dict(stored, session, models=()):
         weight = check_number(pin["weight"], f"weight of pin {v}", above=0)
         weights |= {} if weight == 1 else {v: weight}
         locked |= {v} if pin["locked"] else set()
-    P = sizes_of(model)[1]
+    P = model.n_coefficients
     arrays = {x: as_finite(stored[x], x, (P,)) for x in ("c_0", "molded", "coefficients")}
     limit = stored["limit"]
     return replace(

@@ -1,13 +1,13 @@
 """The face cut into regions by how it moves (Tena et al. 2011, section 4.2)."""
 
-from facelab.segmentation.affinity import affinity, motion_correlation, nearness
 from facelab.segmentation.clusters import Compactness, compactness, renumbered, spectral_embedding
 from facelab.segmentation.regions import Regions
-from facelab.segmentation.segment import Likeness, segment_face, stability
+from facelab.segmentation.segment import Affinity, segment_face, stability
+from facelab.segmentation.similarity import affinity, motion_correlation, nearness
 
 __all__ = [
+    "Affinity",
     "Compactness",
-    "Likeness",
     "Regions",
     "affinity",
     "compactness",

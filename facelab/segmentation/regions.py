@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from facelab.checks import check_choice, check_count
+from facelab.checks import as_indices, check_choice, check_count
 from facelab.geometry.mesh import TriangleMesh
 from facelab.segmentation.clusters import as_labels
 
@@ -159,35 +159,60 @@ class Regions:
             self, labels=self.labels[nearest], mesh=mesh, held=held[:, nearest], samples=drawn
         )
 
+    def packed(self):
+        """Arrays from which `unpacked` makes the same regions: dict of str to array.
 
-def packed_regions(regions):
-    """Arrays from which `unpacked_regions` makes the same regions."""
-    mesh = regions.mesh
-    arrays = dict(
-        labels=regions.labels,
-        vertices=mesh.vertices,
-        faces=mesh.faces,
-        landmark_names=np.array(list(mesh.landmarks), dtype=str),
-        landmarks=np.array(list(mesh.landmarks.values()), dtype=int),
-        sharing=regions.sharing,
-        rings=regions.rings,
-    )
-    if regions.held is not None:
-        arrays["held"] = regions.held
-    if regions.samples is not None:
-        arrays["samples"] = regions.samples
-    return arrays
+        What the segmentation tried is not kept.
+        """
+        mesh = self.mesh
+        arrays = dict(
+            labels=self.labels,
+            vertices=mesh.vertices,
+            faces=mesh.faces,
+            landmark_names=np.array(list(mesh.landmarks), dtype=str),
+            landmarks=np.array(list(mesh.landmarks.values()), dtype=int),
+            sharing=self.sharing,
+            rings=self.rings,
+        )
+        if self.held is not None:
+            arrays["held"] = self.held
+        if self.samples is not None:
+            arrays["samples"] = self.samples
+        return arrays
 
+    @classmethod
+    def unpacked(cls, stored):
+        """Regions from the arrays of `packed` in a file.
 
-def unpacked_regions(stored):
-    names = stored["landmark_names"].tolist()
-    landmarks = dict(zip(names, stored["landmarks"].tolist(), strict=True))
-    mesh = TriangleMesh(stored["vertices"], stored["faces"], landmarks)
-    return Regions(
-        stored["labels"],
-        mesh,
-        str(stored["sharing"]),
-        int(stored["rings"]),
-        held=stored.get("held"),
-        samples=stored.get("samples"),
-    )
+        Parameters
+        ----------
+        stored : StoredArrays
+            Open; sizes are compared before an array is read.
+
+        Raises
+        ------
+        ValueError, TypeError
+            For arrays that are missing, do not fit together or make no regions of a mesh.
+        """
+        vertices = stored.read("vertices", ("n_vertices", 3), "f")
+        n = len(vertices)
+        names = stored.read("landmark_names", ("n_landmarks",), "U").tolist()
+        places = stored.read("landmarks", (len(names),), "iu").tolist()
+        if len(set(names)) < len(names):
+            raise ValueError("landmark_names holds a name twice")
+        mesh = TriangleMesh(
+            vertices,
+            stored.read("faces", ("n_faces", 3), "iu"),
+            dict(zip(names, places, strict=True)),
+        )
+        labels = stored.read("labels", (n,), "iu")
+        held = samples = None
+        if "held" in stored:
+            held = stored.read("held", (int(labels.max(initial=0)) + 1, n), "b")
+        if "samples" in stored:
+            samples = stored.read("samples", ("n_samples",), "iu")
+            samples = as_indices(samples, "samples", n, "vertices of the mesh")
+        rings = int(stored.read("rings", (), "iu"))
+        return cls(
+            labels, mesh, str(stored.read("sharing", (), "U")), rings, held=held, samples=samples
+        )

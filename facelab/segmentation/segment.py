@@ -18,7 +18,6 @@ from facelab.checks import check_choice, check_count, check_number, check_type
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MotionSequence
 from facelab.numeric.threads import one_thread
-from facelab.segmentation.affinity import affinity, motion_correlation, nearness
 from facelab.segmentation.clusters import (
     LARGE,
     cluster_rows,
@@ -28,13 +27,14 @@ from facelab.segmentation.clusters import (
     unit_rows,
 )
 from facelab.segmentation.regions import Regions
+from facelab.segmentation.similarity import affinity, motion_correlation, nearness
 
 
 @dataclass(frozen=True, eq=False)
-class Likeness:
-    """How alike the vertices of a face are: in motion, in place, and in both.
+class Affinity:
+    """How alike the vertices of a face are: in motion, in place, and in both. It cuts the face.
 
-    The matrices are found once; other settings cost a fraction of that: `likeness.with_(lam=0.5)`.
+    The matrices are found once; other settings cost a fraction of that: `affinity.with_(lam=0.5)`.
 
     Parameters
     ----------
@@ -60,13 +60,14 @@ class Likeness:
     threshold: float = 0.7
 
     @classmethod
-    def of(cls, motion, lam=0.7, r=10.0, threshold=0.7):
-        """Measure the likeness of the vertices in a motion; lost frames do not count.
+    def of(cls, motion, **settings):
+        """Measure the affinity of the vertices in a motion; lost frames do not count.
 
         Parameters
         ----------
         motion : MotionSequence
-        lam, r, threshold : float
+        **settings
+            `lam`, `r` and `threshold`, where they are not those of the paper.
 
         Raises
         ------
@@ -79,7 +80,7 @@ class Likeness:
         motion.mesh.check_connected()
         positions = motion.positions if motion.valid.all() else motion.positions[motion.valid]
         C_bar = motion_correlation(positions)
-        return cls(motion.mesh, C_bar, motion.mesh.geodesics(), lam, r, threshold)
+        return cls(motion.mesh, C_bar, motion.mesh.geodesics(), **settings)
 
     def with_(self, **settings):
         """The same motion and mesh with another `lam`, `r` or `threshold`."""
@@ -106,7 +107,44 @@ class Likeness:
         random_state=None,
         progress=True,
     ):
-        """Cut the face into regions; parameters and result as in `segment_face`."""
+        """Cut the face into regions: spectral clusters, as many as stay compact.
+
+        Parameters
+        ----------
+        n_regions : int, optional
+            Number of regions. If left out, k grows from 2 until the clusters are no longer compact
+            and the last k before that is taken.
+        max_regions : int, default=30
+            Where the growth ends in any case.
+        reading : {"pieces", "triangles"}
+            What compact means: every cluster in one piece, or every vertex in a triangle wholly
+            inside its cluster. The paper's words allow both, see `compactness`.
+        sharing : {"one-sided", "both", "none"}
+            Which vertices two neighbours share, see `Regions`.
+        rings : int, default=1
+            Width of the shared band in edges.
+        n_init : int, default=20
+            Runs of k-means for each k.
+        random_state : int, RandomState or None
+        progress : bool, default=True
+            Show a progress bar.
+
+        Returns
+        -------
+        Regions
+            `tried` tells for each k whether it was compact, `why` what ended the growth.
+
+        Raises
+        ------
+        TypeError
+            If `n_regions` is no integer.
+        ValueError
+            For a parameter out of range.
+
+        References
+        ----------
+        Tena et al. 2011, section 4.2.
+        """
         mesh, n = self.mesh, self.mesh.n_vertices
         if n_regions is not None:
             what = f"clusters of {n} vertices"
@@ -165,20 +203,7 @@ def _why(tried, reading, asked):
     return f"{text} The other reading, {words[other]}, {so_far}."
 
 
-def segment_face(
-    motion,
-    lam=0.7,
-    r=10.0,
-    threshold=0.7,
-    n_regions=None,
-    max_regions=30,
-    reading="pieces",
-    sharing="one-sided",
-    rings=1,
-    n_init=20,
-    random_state=None,
-    progress=True,
-):
+def segment_face(motion, lam=0.7, r=10.0, threshold=0.7, **settings):
     """Cut a face into regions from its motion.
 
     Parameters
@@ -187,23 +212,9 @@ def segment_face(
         On a mesh in one piece; about 400 vertices are quick, 15 frames a second are enough.
     lam, r, threshold : float
         λ, r and the threshold on the correlation, see `affinity`.
-    n_regions : int, optional
-        Number of regions. If left out, k grows from 2 until the clusters are no longer compact
-        and the last k before that is taken.
-    max_regions : int, default=30
-        Where the growth ends in any case.
-    reading : {"pieces", "triangles"}
-        What compact means: every cluster in one piece, or every vertex in a triangle wholly
-        inside its cluster. The paper's words allow both, see `compactness`.
-    sharing : {"one-sided", "both", "none"}
-        Which vertices two neighbours share, see `Regions`.
-    rings : int, default=1
-        Width of the shared band in edges.
-    n_init : int, default=20
-        Runs of k-means for each k.
-    random_state : int, RandomState or None
-    progress : bool, default=True
-        Show a progress bar.
+    **settings
+        Of the cut: `n_regions` (found if left out), `max_regions`, `reading`, `sharing`, `rings`,
+        `n_init`, `random_state` and `progress`, see `Affinity.segment`.
 
     Returns
     -------
@@ -228,9 +239,7 @@ def segment_face(
     >>> facelab.segment_face(motion, n_regions=6, random_state=0, progress=False).n_regions
     6
     """
-    return Likeness.of(motion, lam, r, threshold).segment(
-        n_regions, max_regions, reading, sharing, rings, n_init, random_state, progress
-    )
+    return Affinity.of(motion, lam=lam, r=r, threshold=threshold).segment(**settings)
 
 
 def stability(
@@ -259,7 +268,7 @@ def stability(
         Runs of k-means in each draw.
     random_state : int, RandomState or None
     **settings
-        `lam`, `r` and `threshold` of `Likeness`.
+        `lam`, `r` and `threshold` of `Affinity`.
 
     Returns
     -------
@@ -275,7 +284,7 @@ def stability(
     check_choice(over, "over", ("frames", "seeds"))
     n_draws = check_count(n_draws, "n_draws", 1, None, "draws")
     rng = check_random_state(random_state)
-    whole = Likeness.of(motion, **settings)
+    whole = Affinity.of(motion, **settings)
     frames = np.flatnonzero(motion.valid)
     length = max(1, round(check_number(block, "block", above=0) * motion.fps))
     if length > len(frames):
@@ -283,9 +292,9 @@ def stability(
             f"block={block:g} s is {length} frames, but the motion has {len(frames)}; shorten it."
         )
 
-    def cut(likeness):
+    def cut(measured):
         seed = rng.randint(2**31 - 1)
-        return likeness.segment(n_regions, n_init=n_init, random_state=seed, progress=False).labels
+        return measured.segment(n_regions, n_init=n_init, random_state=seed, progress=False).labels
 
     reference, labels = cut(whole), []
     for _ in range(n_draws):

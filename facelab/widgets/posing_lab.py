@@ -339,7 +339,8 @@ class PosingLab(Page):
     def distance(self, session):
         """How far each region is from training, 1 as is typical: shape (n_regions,), or None."""
         distance = session.plausibility()
-        return None if distance is None else distance / np.sqrt(session.model.n_components_)
+        sizes = [s.stop - s.start for s in session.model.slices]
+        return None if distance is None else distance / np.sqrt(sizes)
 
     def name_of(self, vertex):
         """A vertex in words: its landmark, or one close by, or its number."""

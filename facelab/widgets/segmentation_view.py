@@ -5,7 +5,7 @@ import warnings
 import ipywidgets as widgets
 
 from facelab.plotting import region_colors
-from facelab.segmentation.segment import Likeness
+from facelab.segmentation.segment import Affinity
 from facelab.widgets.page import Page, markup, shows_errors
 from facelab.widgets.viewer import FaceView
 
@@ -15,7 +15,7 @@ class SegmentationView(Page):
 
     Parameters
     ----------
-    likeness : Likeness
+    affinity : Affinity
         How alike the vertices of the face are; where the sliders start.
     face : TriangleMesh, optional
         A dense face to colour instead of the control mesh.
@@ -44,14 +44,14 @@ class SegmentationView(Page):
     Raises
     ------
     TypeError, ValueError
-        If `likeness` is something else, or only one of `face` and `samples` is given.
+        If `affinity` is something else, or only one of `face` and `samples` is given.
     """
 
     _after_error = "The regions are as they were."
 
     def __init__(
         self,
-        likeness,
+        affinity,
         face=None,
         samples=None,
         props=(),
@@ -60,15 +60,15 @@ class SegmentationView(Page):
         width=520,
         height=520,
     ):
-        if not isinstance(likeness, Likeness):
+        if not isinstance(affinity, Affinity):
             raise TypeError(
-                f"likeness is a {type(likeness).__name__}; give Likeness.of(motion), a Likeness."
+                f"affinity is a {type(affinity).__name__}; give Affinity.of(motion), a Affinity."
             )
         if (face is None) != (samples is None):
             raise ValueError("face and samples belong together: give both, or neither.")
-        self.likeness, self._seed = likeness, random_state
+        self.affinity, self._seed = affinity, random_state
         self._on_screen = slice(None) if face is None else face.nearest_of(samples)
-        self.view = FaceView(likeness.mesh if face is None else face, props, width, height)
+        self.view = FaceView(affinity.mesh if face is None else face, props, width, height)
         self._build_controls(n_regions)
         self.widget = widgets.VBox(
             [
@@ -82,7 +82,7 @@ class SegmentationView(Page):
         self._cut()
 
     def _build_controls(self, n_regions):
-        start = self.likeness
+        start = self.affinity
         most = min(30, start.mesh.n_vertices)
         self.lam = _slider("λ", start.lam, 0, 1, 0.05)
         self.r = _slider("r (mm)", start.r, 1, max(40, start.r), 1)
@@ -101,12 +101,12 @@ class SegmentationView(Page):
         self.clear()
 
     def _cut(self):
-        likeness = self.likeness.with_(
+        affinity = self.affinity.with_(
             lam=self.lam.value, r=self.r.value, threshold=self.threshold.value
         )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # that all k were compact: `why` says it
-            regions = likeness.segment(
+            regions = affinity.segment(
                 None if self.grow.value else self.n_regions.value,
                 max_regions=self.n_regions.max,
                 random_state=self._seed,

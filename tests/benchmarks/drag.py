@@ -56,7 +56,7 @@ def time_case(model, face, binding):
         return face.vertices + solver.shown(solver.solve({vertex: wanted}))[0]
 
     def assembled():
-        model.boundary_ = model._boundary_matrix()
+        model.boundary_ = model.boundary(range(model.n_vertices))
         return solved(facelab.posing.PoseSolver(model, binding=binding))
 
     down = milliseconds(press)

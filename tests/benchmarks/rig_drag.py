@@ -9,7 +9,7 @@ from setup import milliseconds
 from threadpoolctl import threadpool_limits
 
 import facelab
-from facelab.posing.session import RigSolver
+from facelab.posing import PoseSolver
 
 
 def rigs():
@@ -44,7 +44,7 @@ def time_rig(rig, n_pins):
 
     whole = milliseconds(move, 240)
     pins = [*session.state.pins, vertex]
-    solver = RigSolver(rig)
+    solver = PoseSolver(rig)
     problem, rest = solver.problem(pins), np.zeros(len(rig.names))
     held = [session.state.pins.get(v, np.zeros(3)) for v in pins]
 
@@ -53,7 +53,7 @@ def time_rig(rig, n_pins):
 
     alone = milliseconds(lambda: problem.solve(targets(), rest, rest), 240)
     J = np.concatenate([solver.seen(v) for v in pins])
-    A = np.vstack([J, np.sqrt(solver._stay) * np.eye(len(rest))])
+    A = np.vstack([J, np.sqrt(solver.last_term)])
     off = 0.0
     for _ in range(12):
         t = targets()

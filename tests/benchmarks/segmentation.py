@@ -21,8 +21,8 @@ from sklearn.metrics import adjusted_rand_score
 
 import facelab
 from facelab.motion import MotionSequence
-from facelab.segmentation.affinity import affinity, motion_correlation
-from facelab.segmentation.segment import Likeness
+from facelab.segmentation.segment import Affinity
+from facelab.segmentation.similarity import affinity, motion_correlation
 
 K, MOST, DENSE = 13, 30, 8820
 CUT, GROWTH = f"{K} regions", "growth of k"
@@ -64,12 +64,12 @@ def ours(n_vertices, folder):
     step("correlation", lambda: motion_correlation(motion.positions))
     step("distances", motion.mesh.geodesics)
     step("affinity", lambda: affinity(found["correlation"], found["distances"]))
-    likeness = Likeness(motion.mesh, found.pop("correlation"), found.pop("distances"))
+    both = Affinity(motion.mesh, found.pop("correlation"), found.pop("distances"))
     np.save(folder / "A.npy", found.pop("affinity"))
 
-    step(CUT, lambda: likeness.segment(K, random_state=0, progress=False))
+    step(CUT, lambda: both.segment(K, random_state=0, progress=False))
     print(found[CUT].why)
-    step(GROWTH, lambda: likeness.segment(max_regions=MOST, random_state=0, progress=False))
+    step(GROWTH, lambda: both.segment(max_regions=MOST, random_state=0, progress=False))
     print(found[GROWTH].why)
     np.savez(
         folder / f"cut{n_vertices}.npz",

@@ -231,7 +231,7 @@ def test_the_gradient_of_equation_6_is_that_of_its_energy(rng):
     model, X = fitted(corner_regions(), rng, n_components=2)
     bases = literal_bases(model)
     v = (X[0] - model.mean_).reshape(-1, 3)
-    zeta = rng.normal(size=model.n_coefficients_)
+    zeta = rng.normal(size=model.n_coefficients)
 
     def energy(zeta):
         return literal.eq_6(v, model.members_, bases, literal.split(zeta, bases), 0.5)
@@ -249,7 +249,7 @@ def test_the_boundary_matrix_is_the_double_sum(rng, bumpy, sharing, orthonormal)
     model = model if orthonormal else skewed(model, rng)
     bases = literal_bases(model)
     for _ in range(3):
-        zeta = rng.normal(size=model.n_coefficients_)
+        zeta = rng.normal(size=model.n_coefficients)
         expected = literal.boundary_term(model.members_, bases, literal.split(zeta, bases))
         assert zeta @ model.boundary_ @ zeta == pytest.approx(expected, rel=1e-10, abs=1e-12)
 
@@ -303,7 +303,7 @@ def test_frames_in_the_span_of_every_region_are_rebuilt_exactly(rng, beta):
 def test_shared_vertices_are_the_mean_of_their_regions(rng):
     model, _ = fitted(corner_regions("both"), rng)
     assert model.holders_.max() > 2, "the example should have vertices of three regions"
-    zeta = rng.normal(size=model.n_coefficients_)
+    zeta = rng.normal(size=model.n_coefficients)
     bases = literal_bases(model)
     v = literal.blend(model.members_, bases, literal.split(zeta, bases), 42)
     np.testing.assert_allclose(
@@ -369,7 +369,7 @@ def test_a_region_with_fewer_coordinates_than_modes_gets_as_many_as_it_can_hold(
     labels[0] = 1
     model, X = fitted(Regions(labels, grid, "none"), rng, n_components=20)
     assert model.n_components_.tolist() == [20, 3]
-    assert model.n_coefficients_ == 23
+    assert model.n_coefficients == 23
     assert [B.shape for B in model.components_] == [(20, 87), (3, 3)]
     np.testing.assert_allclose(model.reconstruct(X)[:, :3], X[:, :3], atol=1e-9)
 
@@ -486,8 +486,10 @@ def test_frames_of_another_face_are_refused(rng):
 # own, so that the whole face as one region stands in
 @parametrize_with_checks(
     [
+        HolisticModel(),
         HolisticModel(1),
         HolisticModel(0.9),
+        RegionModel(),
         RegionModel(n_components=1),
         RegionModel(n_components=1, spread="total", blending="gradient"),
     ]
@@ -561,7 +563,7 @@ def test_a_total_goes_to_the_largest_variances_wherever_they_are(rng):
     regions, X = uneven(rng)
     rich = RegionModel(regions, 40).fit(X)
     model = RegionModel(regions, 30, spread="total").fit(X)
-    assert model.n_coefficients_ == 30
+    assert model.n_coefficients == 30
     assert model.n_components_[0] > model.n_components_[1] > model.n_components_[2] == 0
     weakest = min(v.min() for v in model.variances_ if len(v))
     left = [v[n:] for v, n in zip(rich.variances_, model.n_components_, strict=True)]
@@ -589,7 +591,7 @@ def test_a_share_of_all_regions_together_needs_fewer_modes_than_of_each(rng):
     held = sum(v.sum() for v in total.variances_)
     everything = sum(v.sum() for v in RegionModel(regions, 130).fit(X).variances_)
     assert held >= 0.9 * everything
-    assert total.n_coefficients_ < each.n_coefficients_
+    assert total.n_coefficients < each.n_coefficients
 
 
 def test_a_region_without_modes_stays_at_its_mean_and_breaks_nothing(rng):
@@ -609,7 +611,7 @@ def test_a_model_cut_short_is_the_model_trained_with_fewer_modes(rng, spread):
     trained = RegionModel(regions, 12, spread=spread, blending="gradient").fit(X)
     np.testing.assert_array_equal(short.n_components_, trained.n_components_)
     np.testing.assert_allclose(short.reconstruct(X), trained.reconstruct(X), atol=1e-9)
-    assert rich.n_coefficients_ == 120, "the rich model must stay what it was"
+    assert rich.n_coefficients == 120, "the rich model must stay what it was"
 
 
 def test_the_holistic_model_is_cut_short_too(rng):
@@ -653,7 +655,7 @@ def test_blendshapes_cut_into_regions_rebuild_what_they_make(rng):
     for members, units in zip(model.members_, model.units_, strict=True):
         moves = [k for k in range(4) if np.abs(shapes[k][members]).max() > 0]
         assert units.tolist() == moves
-    assert model.n_coefficients_ < 16, "some shapes should leave some regions alone"
+    assert model.n_coefficients < 16, "some shapes should leave some regions alone"
     X = rng.uniform(size=(5, 4)) @ shapes.reshape(4, -1)
     np.testing.assert_allclose(model.reconstruct(X), X, atol=1e-9)
 
@@ -705,7 +707,7 @@ def two_halves(columns=21, rows=7, spacing=5.0, step=1.0):
 
 def along(model, mesh):
     """Height of the middle row, copies at their full lift."""
-    z = model.blend(np.ones((1, model.n_coefficients_))).reshape(-1, 3)[:, 2]
+    z = model.blend(np.ones((1, model.n_coefficients))).reshape(-1, 3)[:, 2]
     middle = mesh.vertices[:, 1] == np.median(mesh.vertices[:, 1])
     return z[middle]
 
@@ -748,7 +750,7 @@ def test_both_blends_are_the_same_where_regions_agree(rng, bumpy, sharing):
 def test_the_gradient_blend_minimises_its_energy(rng):
     model, _ = fitted(corner_regions(), rng)
     mesh = model.regions.mesh
-    zeta = rng.normal(size=model.n_coefficients_)
+    zeta = rng.normal(size=model.n_coefficients)
     copies = [
         (B.T @ c).reshape(-1, 3)
         for B, c in zip(model.components_, literal.split(zeta, literal_bases(model)), strict=True)
@@ -779,7 +781,7 @@ def test_the_gradient_blend_minimises_its_energy(rng):
 def test_the_gradient_blend_moves_no_volume(rng):
     model, _ = fitted(corner_regions(), rng)
     area = np.repeat(model.regions.mesh.vertex_areas, 3)
-    Z = rng.normal(size=(4, model.n_coefficients_))
+    Z = rng.normal(size=(4, model.n_coefficients))
     before = model.blend(Z) * area
     after = model.set_params(blending="gradient").blend(Z) * area
     np.testing.assert_allclose(
@@ -791,11 +793,11 @@ def test_the_gradient_blend_moves_no_volume(rng):
 def test_the_blend_is_linear_and_its_rows_are_the_same_map(rng, blending):
     model, _ = fitted(corner_regions("both"), rng)
     model.set_params(blending=blending)
-    Z = rng.normal(size=(6, model.n_coefficients_))
+    Z = rng.normal(size=(6, model.n_coefficients))
     X = model.blend(Z)
     np.testing.assert_allclose(model.blend(2 * Z[:1] - Z[1:2]), 2 * X[:1] - X[1:2], atol=1e-10)
     for vertex in (0, 17, 24):
-        rows = model.blend_rows(vertex)
+        rows = model.vertex_rows(vertex)
         np.testing.assert_allclose(
             Z @ rows.T, X.reshape(6, -1, 3)[:, vertex], atol=1e-10, err_msg=str(vertex)
         )

@@ -198,7 +198,7 @@ def test_a_pose_of_a_rig_beyond_its_weights_is_refused(rng, path, weight):
     session = fresh(BlendshapeRig(mesh, ["a", "b", "c"], rng.normal(size=(3, 42, 3))))
     save_pose(path, session)
     changed_state(path, coefficients=[0, weight, 0])
-    with pytest.raises(ValueError, match="weights of a rig lie between 0 and 1"):
+    with pytest.raises(ValueError, match="those of this model lie between 0 and 1"):
         load_pose(path, session)
     assert session.n_undo == 0
 
@@ -284,7 +284,7 @@ def all_edits(session, other):
     session.set(limit=None)
     session.use(other)
     session.reset_region(3)
-    session.apply(np.arange(other.n_coefficients_) / 7)
+    session.apply(np.arange(other.n_coefficients) / 7)
     session.mirror()
     session.drag(5, session.vertices[5] + 1 / 3)
     session.keep()  # lets go of the drag

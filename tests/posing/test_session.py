@@ -36,7 +36,7 @@ def fitted(regions, rng, n_components=5):
 def skewed(model, rng):
     """The model with bases that are neither orthogonal nor of length one."""
     components = [rng.normal(size=(len(B), len(B))) @ B for B in model.components_]
-    return model._set_bases(model.columns_, components, model.variances_)
+    return model.set_bases(model.mean_, model.members_, components, model.variances_)
 
 
 def literal_solution(model, pins, c_0, beta, gamma):
@@ -1260,7 +1260,7 @@ def test_training_is_as_far_as_it_has_modes_on_average(rng):
     model = RegionModel(regions, 5).fit(X)
     session = PosingSession(model, regions.mesh)
     squares = [
-        session._solver.mahalanobis(z - session._solver.neutral) ** 2 for z in model.transform(X)
+        session._solver.mahalanobis(z + session._solver.centre) ** 2 for z in model.transform(X)
     ]
     np.testing.assert_allclose(np.mean(squares, axis=0), 5 * 49 / 50, rtol=1e-9)
 
@@ -1277,20 +1277,20 @@ def limited_energy(solver, c, c_0, pins):
     """Eq. 9 for the change since c_0 and the cost beyond the limit, written down once more."""
     y, E = c - c_0, 0.0
     for v, t in pins.items():
-        m = solver.model.holders_[3 * v]
+        m = solver.model.holders[v]
         E += m * np.sum((t - solver.displacements(c)[0, v]) ** 2)
-    E += y @ solver._at_rest @ y
-    z = np.abs(c + solver.neutral) / solver.deviations
+    E += y @ solver.at_rest @ y
+    z = np.abs(c - solver.centre) / solver.deviations
     return E + STIFFNESS * np.sum(np.maximum(z - solver.limit, 0) ** 2)
 
 
 def test_no_other_coefficients_cost_less_with_the_limit_on(rng, model):
     solver, rest = PoseSolver(model, limit=1.5), np.zeros(20)
     # the neutral of this model lies within the limit
-    assert (np.abs(solver.neutral) < 1.5 * solver.deviations).all()
+    assert (np.abs(solver.centre) < 1.5 * solver.deviations).all()
     pins = {3: np.array([9.0, 1, 0]), 20: np.array([0.0, -8, 2])}
     best = solver.problem(list(pins)).solve(np.array(list(pins.values())), rest, rest)
-    assert (np.abs(best + solver.neutral) > 1.5 * solver.deviations).any()
+    assert (np.abs(best - solver.centre) > 1.5 * solver.deviations).any()
     least = limited_energy(solver, best, rest, pins)
     for size in (1e-3, 0.1, 3):
         for _ in range(20):
@@ -1397,7 +1397,7 @@ def test_a_hundred_contradicting_pins_solve_without_a_word(rng, bound, limit, ga
         J = np.concatenate([solver.rows(v) for v in pins])
         m = [np.linalg.norm(solver.rows(v)) / np.linalg.norm(solver.seen(v)) for v in pins]
         t = np.concatenate([k * x for k, x in zip(m, pins.values(), strict=True)])
-        root = np.linalg.cholesky(solver._at_rest).T
+        root = np.linalg.cholesky(solver.at_rest).T
         A, b = np.vstack([J, root]), np.concatenate([t, np.zeros(20)])
         np.testing.assert_allclose(bound.coefficients, np.linalg.lstsq(A, b)[0], atol=1e-6)
 
@@ -1410,7 +1410,9 @@ def rigged(rng, regions):
 
 
 def test_a_rig_refuses_a_limit_and_shows_none(rigged, session):
-    with pytest.raises(ValueError, match=r"limit=3 counts standard deviations, but .* a rig"):
+    with pytest.raises(
+        ValueError, match=r"limit=3 counts standard deviations, but .* within 0 and 1"
+    ):
         PosingSession(rigged.model, rigged.neutral, limit=3)
     with pytest.raises(ValueError, match="limit=2 counts"):
         rigged.set(limit=2)
@@ -1649,7 +1651,7 @@ def test_a_state_that_would_break_the_session_is_refused(session, regions, name)
 
 
 def test_a_state_beyond_what_its_model_can_is_refused(rigged, rng, regions):
-    with pytest.raises(ValueError, match="weights of a rig lie between 0 and 1"):
+    with pytest.raises(ValueError, match="those of this model lie between 0 and 1"):
         rigged.restore(replace(rigged.state, coefficients=np.array([0, 0, 1.5])))
     with pytest.raises(ValueError, match="beta=-1"):
         rigged.restore(replace(rigged.state, beta=-1.0))

@@ -13,10 +13,10 @@ from sklearn.metrics import adjusted_rand_score
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MotionSequence
 from facelab.segmentation import clusters as clusters_module
-from facelab.segmentation.affinity import affinity, motion_correlation, nearness
 from facelab.segmentation.clusters import compactness, renumbered, spectral_embedding
 from facelab.segmentation.regions import Regions
-from facelab.segmentation.segment import Likeness, segment_face, stability
+from facelab.segmentation.segment import Affinity, segment_face, stability
+from facelab.segmentation.similarity import affinity, motion_correlation, nearness
 
 
 def quick(motion, **settings):
@@ -213,8 +213,8 @@ def test_a_vertex_without_any_affinity_does_not_spoil_the_others(rng):
 def clusters(A, k):
     """What segmentation makes of an affinity: λ = 1 and no threshold let it through as it is."""
     mesh = grid_mesh(5, len(A) // 5, 8.0)
-    likeness = Likeness(mesh, A, np.zeros(A.shape), lam=1.0, threshold=0.0)
-    return likeness.segment(k, random_state=0, progress=False).labels
+    measured = Affinity(mesh, A, np.zeros(A.shape), lam=1.0, threshold=0.0)
+    return measured.segment(k, random_state=0, progress=False).labels
 
 
 @pytest.mark.parametrize("sizes", [(5, 5), (2, 9, 4), (3, 3, 3, 3, 13)])
@@ -687,19 +687,19 @@ def test_still_vertices_never_make_a_nan(rng, lam):
     assert adjusted_rand_score(regions.labels[kept], truth[kept]) > 0.9
 
 
-def test_likeness_holds_the_matrices_of_the_paper_and_cuts_as_segment_face_does(rng):
+def test_an_affinity_holds_the_matrices_of_the_paper_and_cuts_as_segment_face_does(rng):
     mesh, truth = quarters(8, 6)
     motion = patch_motion(mesh, truth, rng, n_frames=20)
-    likeness = Likeness.of(motion, lam=0.4, r=20, threshold=0.3)
-    np.testing.assert_allclose(likeness.C_bar, literal.correlation(motion.positions), atol=1e-12)
-    np.testing.assert_array_equal(likeness.G, mesh.geodesics())
-    np.testing.assert_allclose(likeness.G_bar, np.exp(-mesh.geodesics() / 20), atol=1e-15)
-    wanted = literal.affinity(likeness.C_bar, likeness.G, 0.4, 20, 0.3)
-    np.testing.assert_allclose(likeness.A, wanted, atol=1e-15)
+    measured = Affinity.of(motion, lam=0.4, r=20, threshold=0.3)
+    np.testing.assert_allclose(measured.C_bar, literal.correlation(motion.positions), atol=1e-12)
+    np.testing.assert_array_equal(measured.G, mesh.geodesics())
+    np.testing.assert_allclose(measured.G_bar, np.exp(-mesh.geodesics() / 20), atol=1e-15)
+    wanted = literal.affinity(measured.C_bar, measured.G, 0.4, 20, 0.3)
+    np.testing.assert_allclose(measured.A, wanted, atol=1e-15)
     for other in ({"lam": 0.9}, {"r": 5}, {"threshold": 0.6}):
         settings = {"lam": 0.4, "r": 20, "threshold": 0.3, **other}
         anew = quick(motion, n_regions=4, **settings)
-        cut = likeness.with_(**other).segment(4, random_state=0, progress=False)
+        cut = measured.with_(**other).segment(4, random_state=0, progress=False)
         np.testing.assert_array_equal(cut.labels, anew.labels)
 
 

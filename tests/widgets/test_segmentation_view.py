@@ -9,14 +9,14 @@ from shapes import grid_mesh
 
 from facelab.plotting import region_colors
 from facelab.segmentation.regions import Regions
-from facelab.segmentation.segment import Likeness
+from facelab.segmentation.segment import Affinity
 from facelab.widgets.segmentation_view import SegmentationView
 
 
 @pytest.fixture
-def likeness(rng):
+def affinity(rng):
     mesh, truth = quarters()
-    return Likeness.of(patch_motion(mesh, truth, rng, noise=0.6))
+    return Affinity.of(patch_motion(mesh, truth, rng, noise=0.6))
 
 
 def colors_of(view):
@@ -34,18 +34,18 @@ def assert_painted(view, labels):
 @pytest.mark.parametrize(
     ("control", "value"), [("lam", 0.0), ("r", 4.0), ("threshold", 0.95), ("n_regions", 7)]
 )
-def test_a_slider_cuts_anew_as_segment_does_and_back_again(likeness, control, value):
-    view = SegmentationView(likeness, n_regions=5)
+def test_a_slider_cuts_anew_as_segment_does_and_back_again(affinity, control, value):
+    view = SegmentationView(affinity, n_regions=5)
     first = view.regions.labels
     assert_painted(view, first)
     start = getattr(view, control).value
     getattr(view, control).value = value
     settings = {"n_regions": 5}
-    other = likeness
+    other = affinity
     if control == "n_regions":
         settings["n_regions"] = value
     else:
-        other = likeness.with_(**{control: value})
+        other = affinity.with_(**{control: value})
     expected = other.segment(**settings, random_state=0, progress=False)
     np.testing.assert_array_equal(view.regions.labels, expected.labels)
     assert not np.array_equal(expected.labels, first), "the example should show a change"
@@ -54,10 +54,10 @@ def test_a_slider_cuts_anew_as_segment_does_and_back_again(likeness, control, va
     np.testing.assert_array_equal(view.regions.labels, first)
 
 
-def test_growing_takes_as_many_as_stay_compact_and_says_why(likeness):
-    view = SegmentationView(likeness.with_(lam=1.0, threshold=0.8), n_regions=3)
+def test_growing_takes_as_many_as_stay_compact_and_says_why(affinity):
+    view = SegmentationView(affinity.with_(lam=1.0, threshold=0.8), n_regions=3)
     view.grow.value = True
-    grown = view.likeness.segment(random_state=0, progress=False)
+    grown = view.affinity.segment(random_state=0, progress=False)
     np.testing.assert_array_equal(view.regions.labels, grown.labels)
     assert "then no more" in view._status.value
     assert view.n_regions.disabled
@@ -67,7 +67,7 @@ def test_growing_takes_as_many_as_stay_compact_and_says_why(likeness):
 
 def test_growth_to_the_end_of_the_slider_is_told_in_the_page_and_not_warned_of(rng):
     mesh, truth = quarters()
-    view = SegmentationView(Likeness.of(patch_motion(mesh, truth, rng)), n_regions=2)
+    view = SegmentationView(Affinity.of(patch_motion(mesh, truth, rng)), n_regions=2)
     view.n_regions.max = 3
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -77,8 +77,8 @@ def test_growth_to_the_end_of_the_slider_is_told_in_the_page_and_not_warned_of(r
     assert "the most allowed" in view._status.value
 
 
-def test_regions_keep_their_colours_when_a_slider_moves(likeness):
-    view = SegmentationView(likeness, n_regions=4)
+def test_regions_keep_their_colours_when_a_slider_moves(affinity):
+    view = SegmentationView(affinity, n_regions=4)
     labels = view.regions.labels
     view._colors = before = view._colors[::-1]  # as after a long history: not what comes first
     view.n_regions.value = 5  # one patch is cut in two, the others are as they were
@@ -94,21 +94,21 @@ def test_a_dense_face_shows_the_region_of_the_nearest_sample(rng):
     dense = grid_mesh(16, 13, 3.0)
     row, column = np.divmod(np.arange(30), 6)
     samples = 3 * row * 16 + 3 * column
-    likeness = Likeness.of(patch_motion(coarse, truth, rng))
-    view = SegmentationView(likeness, dense, samples, n_regions=4)
+    affinity = Affinity.of(patch_motion(coarse, truth, rng))
+    view = SegmentationView(affinity, dense, samples, n_regions=4)
     assert_painted(view, view.regions.labels[dense.nearest_of(samples)])
 
 
 def test_an_error_is_shown_in_the_page_the_last_cut_stays_and_the_error_goes_away(
-    likeness, monkeypatch
+    affinity, monkeypatch
 ):
-    view = SegmentationView(likeness, n_regions=4)
+    view = SegmentationView(affinity, n_regions=4)
     before, colors = view.regions, colors_of(view).copy()
 
     def broken(*_, **__):
         raise RuntimeError("no <regions> left")
 
-    monkeypatch.setattr(Likeness, "segment", broken)
+    monkeypatch.setattr(Affinity, "segment", broken)
     view.lam.value = 0.2
     assert "RuntimeError: no &lt;regions&gt; left" in view._message.value
     assert view.regions is before
@@ -119,11 +119,11 @@ def test_an_error_is_shown_in_the_page_the_last_cut_stays_and_the_error_goes_awa
     assert view.regions is not before
 
 
-def test_it_refuses_what_it_cannot_show(likeness):
-    with pytest.raises(TypeError, match="likeness is a ndarray"):
-        SegmentationView(likeness.C_bar)
+def test_it_refuses_what_it_cannot_show(affinity):
+    with pytest.raises(TypeError, match="affinity is a ndarray"):
+        SegmentationView(affinity.C_bar)
     with pytest.raises(ValueError, match="face and samples belong together"):
-        SegmentationView(likeness, face=likeness.mesh)
+        SegmentationView(affinity, face=affinity.mesh)
 
 
 def test_colours_of_another_cut_are_kept_where_regions_overlap():
