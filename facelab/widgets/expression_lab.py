@@ -447,7 +447,7 @@ class ExpressionLab:
         if what == "weight":
             session.lock(name, weight)
         elif self._state_of(name) == {"lock": "locked", "exclude": "excluded"}[what]:
-            session.release(name)
+            session.free(name)
         elif what == "lock":
             session.lock(name)
             session.settle()
@@ -464,7 +464,7 @@ class ExpressionLab:
         if button is self.best:
             session.set(alpha="best")
         elif button is self.free:
-            session.release()
+            session.free()
         else:
             back = button is self.undo
             session.undo() if back else session.redo()

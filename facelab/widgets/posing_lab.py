@@ -167,7 +167,7 @@ class PosingLab:
         self.tabs = widgets.Tab([p.widget for p in panels.values()], titles=tuple(panels))
         self._status = widgets.HTML(layout={"width": f"{self.size[0]}px"})
         self._message = widgets.HTML()
-        self.keys = Keys(self._reactions(), self.session.seal)
+        self.keys = Keys(self._reactions(), self.session.settle)
         self._captions = widgets.HTML(), widgets.HTML()
         self._faces = widgets.HBox(
             [widgets.VBox([self._captions[0], self.view.widget])],
