@@ -210,7 +210,11 @@ def read_weights_csv(path):
                 "weights; the table was cut or edited."
             )
         try:
-            fps = check_number(rate, "fps", above=0)
+            fps = float(rate)
+        except ValueError:
+            raise ValueError(f"{place}: fps={rate!r} is not a number.") from None
+        try:
+            fps = check_number(fps, "fps", above=0)
             W[i] = [float(cell) for cell in row[2:]] if any(row[2:]) else np.nan
         except (TypeError, ValueError) as error:
             raise ValueError(f"{place}: {str(error).rstrip('.')}.") from None

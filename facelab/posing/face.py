@@ -5,11 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from facelab.checks import as_finite, check_index, check_number, check_type
+from facelab.checks import as_finite, check_index, check_type
 from facelab.face_model import FaceModel
 from facelab.geometry.binding import LinearBinding
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.symmetry import MIRROR, check_partners, mirror_partners
+from facelab.posing.ranges import check_displacement, check_size, check_weight
 from facelab.posing.solver import PoseSolver
 from facelab.posing.state import PoseState
 
@@ -75,22 +76,32 @@ class PosedFace:
         if not isinstance(state, PoseState):
             raise TypeError(f"state is a {type(state).__name__}; give a PoseState (session.state).")
         self.check_model(state.model)
-        check_number(state.beta, "beta", low=0)
         solver = self.solver(state)  # refuses what it cannot use
         for v, target in state.pins.items():
-            as_finite(target, f"displacement of pin {self.vertex(v)}", (3,))
+            check_displacement(target, f"displacement of pin {self.vertex(v)}")
         for v, weight in state.weights.items():
-            check_number(weight, f"weight of pin {v}", above=0)
+            check_weight(weight, f"weight of pin {v}")
         unpinned = (state.locked | state.weights.keys()) - state.pins.keys()
         if unpinned:
             raise ValueError(f"state locks or weights {sorted(unpinned)}, which it does not pin.")
         for name in ("c_0", "molded", "coefficients"):
             as_finite(getattr(state, name), name, (solver.n_coefficients,))
-        solver.check(state.coefficients)
+        self._check_size(state)
+
+    def _check_size(self, state):
+        check_size(state.c_0)
+        check_size(state.molded)
+        self.solver(state).check(state.coefficients)
 
     def vertex(self, vertex):
         """The vertex as int, refused if the face has none of this number."""
         return check_index(vertex, "vertex", self.neutral.n_vertices, "vertices of the face")
+
+    def place(self, vertex, target):
+        """A target of a vertex as an array of its own, (3,), refused unless it is near the face."""
+        target = as_finite(target, "target", (3,), remedy="give three finite coordinates").copy()
+        check_displacement(target - self.neutral.vertices[vertex], "target")
+        return target
 
     def solver(self, state):
         """The solver for the model and the settings of a state."""
@@ -109,17 +120,23 @@ class PosedFace:
         return PoseSolver(model, state.beta, state.gamma, self.shared_pins, mesh, binding, limit)
 
     def solved(self, state, **changes):
-        """The state with some changes, and the coefficients that answer its pins then (Eq. 9)."""
+        """The state with some changes, and the coefficients that answer its pins then (Eq. 9).
+
+        Refused if the settings and weights allow no sound answer, or if that is beyond reason.
+        """
         new = SimpleNamespace(**vars(state) | changes)  # a state that has no answer yet
         weights = [new.weights.get(v, 1.0) for v in new.pins]
         targets = np.array(list(new.pins.values()), dtype=float).reshape(-1, 3)
         c = self.solver(new).problem(list(new.pins), weights).solve(targets, new.c_0, new.molded)
-        return replace(state, **changes, coefficients=c)
+        state = replace(state, **changes, coefficients=c)
+        self._check_size(state)
+        return state
 
     def vertices(self, state, coefficients):
         """The face for coefficients of the state's model, (P,) or (n, P), millimetres."""
         solver, coefficients = self.solver(state), np.asarray(coefficients, dtype=float)
         as_finite(np.atleast_2d(coefficients), "coefficients", ("n", solver.n_coefficients))
+        check_size(coefficients)
         V = self.neutral.vertices + solver.shown(coefficients)
         return V[0] if coefficients.ndim == 1 else V
 

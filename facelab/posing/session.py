@@ -14,6 +14,7 @@ from facelab.numeric.undo import History, edit, has_history
 from facelab.posing.drag import Drag, moving_with, targets
 from facelab.posing.face import PosedFace
 from facelab.posing.fingerprint import fingerprint
+from facelab.posing.ranges import BETA, GAMMA, check_beta, check_gamma, check_weight
 from facelab.posing.solver import check_limit
 from facelab.posing.state import PoseState, find_model, state_from_dict, state_to_dict
 
@@ -85,8 +86,8 @@ class PosingSession:
         self,
         model,
         neutral,
-        beta=0.5,
-        gamma=0.025,
+        beta=BETA,
+        gamma=GAMMA,
         binding=None,
         shared_pins="blended",
         limit=None,
@@ -100,8 +101,8 @@ class PosingSession:
         start = PoseState(
             model,
             {},
-            check_number(beta, "beta", low=0),
-            check_number(gamma, "gamma", above=0),
+            check_beta(beta),
+            check_gamma(gamma),
             *(rest, rest, rest),
             limit=check_limit(limit, model),
         )
@@ -317,7 +318,8 @@ class PosingSession:
             For a vertex that does not exist, a locked pin, or a target that is not finite;
             nothing changes.
         """
-        target, vertex = _target(target), self._face.vertex(vertex)
+        vertex = self._face.vertex(vertex)
+        target = self._face.place(vertex, target)
         with self.history.whole():
             if not self.dragging or self.history.live.vertex != vertex:
                 self.press(vertex)
@@ -339,7 +341,8 @@ class PosingSession:
     @edit
     def pull(self, vertex, target):
         """Drag a vertex to a target and let go, see `drag`: one step."""
-        target, vertex = _target(target), self._face.vertex(vertex)
+        vertex = self._face.vertex(vertex)
+        target = self._face.place(vertex, target)
         self.state.check_unlocked(vertex)
         moving = self._moving(vertex)
         wanted = target - self.neutral.vertices[vertex]
@@ -366,7 +369,7 @@ class PosingSession:
         target : array_like of shape (3,), optional
             Millimetres; if left out, that of the pin, or where the vertex is.
         weight : float, optional
-            Of the pin in Eq. 9, more than 0; 1 unless set.
+            Of the pin in Eq. 9, 1e-6 to 1e6; 1 unless set.
         locked : bool, optional
             A locked pin is neither dragged, mirrored upon nor removed; resets take it away.
 
@@ -378,12 +381,12 @@ class PosingSession:
         """
         vertex, state = self._face.vertex(vertex), self.state
         if target is not None:
-            target = _target(target) - self.neutral.vertices[vertex]
+            target = self._face.place(vertex, target) - self.neutral.vertices[vertex]
             if locked is not False:
                 self.state.check_unlocked(vertex)
         weights = dict(state.weights)
         if weight is not None:
-            weights[vertex] = check_number(weight, "weight", above=0)
+            weights[vertex] = check_weight(weight)
         locks = state.locked
         if locked is not None:
             on = check_choice(locked, "locked", (True, False))
@@ -475,14 +478,14 @@ class PosingSession:
         Raises
         ------
         ValueError
-            For a beta below 0, a gamma or limit not above 0, or a limit where the model knows no
-            standard deviations; nothing changes.
+            For one outside its range (see `PoseSolver`), beta and gamma too far apart, or a limit
+            where the model knows no standard deviations; nothing changes.
         """
         changes, state = {}, self.state
         if beta is not None:
-            changes["beta"] = check_number(beta, "beta", low=0)
+            changes["beta"] = check_beta(beta)
         if gamma is not None:
-            changes["gamma"] = check_number(gamma, "gamma", above=0)
+            changes["gamma"] = check_gamma(gamma)
         if limit is not _AS_IT_IS:
             changes["limit"] = check_limit(limit, state.model)
         if all(getattr(state, name) == value for name, value in changes.items()):
@@ -617,7 +620,3 @@ class PosingSession:
         Weights of a rig are kept within 0 and 1.
         """
         return self._solver.clipped(np.asarray(track) + self.coefficients)
-
-
-def _target(target):
-    return as_finite(target, "target", (3,), remedy="give three finite coordinates").copy()

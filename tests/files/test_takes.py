@@ -152,7 +152,7 @@ def test_what_cannot_be_written_leaves_no_file(tmp_path, rng):
         ("\n\n", "not a weight table"),
         ("frame,fps,AU1\n0\n", "line 2: here should be frame 0"),
         ("frame,fps,AU1\n0,abc,0.5\n", r"w\.csv, line 2: fps='abc' is not a number\.$"),
-        ("frame,fps,AU1\n0,-1,0.5\n", "line 2: fps='-1', but it must be more than 0"),
+        ("frame,fps,AU1\n0,-1,0.5\n", "line 2: fps=-1.0, but it must be more than 0"),
         ("frame,fps,AU1\n\n0,30.0,0.5\n\n2,30.0,0.5\n", "line 5: here should be frame 1"),
         ("frame,fps,AU1,AU2\n0,30.0,nan,1\n", "line 2 holds 1 value"),
     ],
