@@ -6,6 +6,8 @@ import numpy as np
 def as_finite(array, name, shape, where="", remedy="remove or repair the bad values"):
     """The array as float64, refused unless it has the shape asked for and only finite numbers.
 
+    Texts and truth values are no numbers, even where they could be taken for some.
+
     Parameters
     ----------
     array : array_like
@@ -27,16 +29,21 @@ def as_finite(array, name, shape, where="", remedy="remove or repair the bad val
     refuse_mask(array, f"{name}{place}", remedy)
     wanted = "(" + ", ".join(str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
+        if not _numeric(array):
+            raise TypeError
         array = np.asarray(array, dtype=float)
     except (TypeError, ValueError):
         raise TypeError(
             f"{name}{place} is a {type(array).__name__} that makes no array of numbers; give "
             f"numbers of shape {wanted}."
         ) from None
-    fits = array.ndim == len(shape) and all(
-        isinstance(want, str) or have == want for have, want in zip(array.shape, shape, strict=True)
-    )
-    if not fits:
+    except OverflowError:
+        raise ValueError(f"{name}{place} holds an integer beyond all floats; {remedy}.") from None
+    fits = [
+        isinstance(want, str) or want == have
+        for want, have in zip(shape, array.shape, strict=False)
+    ]
+    if array.ndim != len(shape) or not all(fits):
         raise ValueError(f"{name}{place} has shape {array.shape}, but needs shape {wanted}.")
     bad = ~np.isfinite(array)
     if bad.any():
@@ -46,6 +53,15 @@ def as_finite(array, name, shape, where="", remedy="remove or repair the bad val
             f"index {first}; {remedy}."
         )
     return array
+
+
+def _numeric(value):
+    """Whether nothing in a value is text, a truth value or complex."""
+    if isinstance(value, (list, tuple)):
+        return all(map(_numeric, value))
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind in "iufO"
+    return not isinstance(value, (str, bytes, bool, np.bool_, complex))
 
 
 def refuse_mask(array, name, remedy):
@@ -67,12 +83,20 @@ def check_type(value, name, types, remedy):
 
 
 def check_number(value, name, low=None, high=None, above=None):
-    """The value as float, refused unless finite and within [low, high] (or above `above`)."""
+    """The value as float, refused unless finite and within [low, high] (or above `above`).
+
+    Texts and truth values are no numbers, even where they could be taken for some.
+    """
     try:
+        if not _numeric(value):
+            raise TypeError
         number = float(value)
     except (TypeError, ValueError):
         raise TypeError(f"{name}={value!r} is not a number.") from None
-    wanted = [f"{low} or more"] * (low is not None) + [f"{high} or less"] * (high is not None)
+    except OverflowError:
+        raise ValueError(f"{name} is an integer beyond all floats; give a smaller one.") from None
+    wanted = ["finite"] * (not np.isfinite(number))
+    wanted += [f"{low} or more"] * (low is not None) + [f"{high} or less"] * (high is not None)
     wanted += [f"more than {above}"] * (above is not None)
     if (
         not np.isfinite(number)
@@ -80,7 +104,7 @@ def check_number(value, name, low=None, high=None, above=None):
         or (high is not None and number > high)
         or (above is not None and number <= above)
     ):
-        raise ValueError(f"{name}={value!r}, but it must be {' and '.join(wanted) or 'finite'}.")
+        raise ValueError(f"{name}={value!r}, but it must be {' and '.join(wanted)}.")
     return number
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from facelab.checks import as_finite, check_choice, check_count, check_type
+from facelab.checks import as_finite, check_choice, check_count, check_number, check_type
 
 
 @pytest.mark.parametrize("given", ["abc", [[1, 2, 3], [4, 5]], {"a": 1}, object(), [None, "x"]])
@@ -58,3 +58,34 @@ def test_a_choice_is_the_one_it_equals():
 def test_what_is_no_choice_is_refused_with_the_choices(value):
     with pytest.raises(ValueError, match="is unknown; choose one of 'check', True, False"):
         check_choice(value, "align", ("check", True, False))
+
+
+@pytest.mark.parametrize(
+    "given", ["0.25", b"1", True, np.True_, 1j, None, [1.0], object(), np.array("1")]
+)
+def test_what_only_looks_like_a_number_is_none(given):
+    with pytest.raises(TypeError, match=r"weight=.* is not a number"):
+        check_number(given, "weight")
+
+
+@pytest.mark.parametrize(
+    "given", [["1", 2], [True, 0.5], [[1.0, 2], [3, False]], np.array([True]), np.array(["1"]), 1j]
+)
+def test_an_array_of_what_only_looks_like_numbers_is_none(given):
+    with pytest.raises(TypeError, match=r"V is a .* that makes no array of numbers"):
+        as_finite(given, "V", ("n",))
+
+
+def test_an_integer_beyond_all_floats_is_refused():
+    with pytest.raises(ValueError, match="lam is an integer beyond all floats"):
+        check_number(10**400, "lam")
+    with pytest.raises(ValueError, match="V holds an integer beyond all floats"):
+        as_finite([1.0, 10**400], "V", (2,))
+
+
+@pytest.mark.parametrize("given", [np.inf, -np.inf, np.nan])
+def test_a_number_that_is_not_finite_is_told_to_be_finite(given):
+    with pytest.raises(ValueError, match=r"limit=.*, but it must be finite and more than 0"):
+        check_number(given, "limit", above=0)
+    with pytest.raises(ValueError, match=r"limit=.*, but it must be finite[.]"):
+        check_number(given, "limit")

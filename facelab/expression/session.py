@@ -1,7 +1,7 @@
 """Everything a person can do to read action units off a sketch, without any widget."""
 
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -15,7 +15,7 @@ from facelab.files.obj import write_obj
 from facelab.files.poses import save_pose
 from facelab.files.takes import write_live_link_csv, write_weights_csv
 from facelab.motion import MotionSequence, WeightSequence
-from facelab.numeric.undo import History
+from facelab.numeric.undo import History, has_history
 from facelab.posing.session import PosingSession
 from facelab.rig import BlendshapeRig
 
@@ -71,7 +71,16 @@ class ExpressionState:
     excluded: frozenset
     fit: ExpressionFit = field(default=None, repr=False)
 
+    def same(self, other):
+        """Whether nothing differs that the weights depend on."""
+        return np.array_equal(self.sketch, other.sketch) and all(
+            getattr(self, f.name) == getattr(other, f.name)
+            for f in fields(self)
+            if f.name not in ("sketch", "fit")
+        )
 
+
+@has_history
 class ExpressionSession:
     """Find the action units of a sketch, step by step, with undo.
 
@@ -96,6 +105,8 @@ class ExpressionSession:
     ----------
     basis : UnitBasis
     rig : BlendshapeRig
+    history : History
+        Its steps, the last 200: undo, redo, `settle`, `group` and `observe` are its.
     dropped : frozenset of str
         Units that were left out because they move nothing of their own.
 
@@ -123,8 +134,6 @@ class ExpressionSession:
         K = len(self.rig.names)
         self._D = np.asarray(self.rig.deltas, dtype=float).reshape(K, -1)
         self.dropped = frozenset(self.basis.dropped)
-        self._past, self._future, self._run = [], [], None
-        self._observers, self._group = [], None
         self._shown = None, None  # a state and its displacements
         start = ExpressionState(
             sketch=_positions(self.rig.neutral if sketch is None else sketch),
@@ -138,14 +147,9 @@ class ExpressionSession:
             locked=MappingProxyType({}),
             excluded=frozenset(),
         )
-        self._past.append(self._solved(start))
+        self.history = History(self._solved(start), most=_STEPS)
 
     # --- what is shown ----------------------------------------------------------------------------
-
-    @property
-    def state(self):
-        """The present `ExpressionState`."""
-        return self._past[-1]
 
     @property
     def fit(self):
@@ -234,16 +238,6 @@ class ExpressionSession:
             "pulls them there."
         )
 
-    @property
-    def can_undo(self):
-        """Whether there is a step to go back to."""
-        return len(self._past) > 1
-
-    @property
-    def can_redo(self):
-        """Whether there is an undone step."""
-        return bool(self._future)
-
     # --- the sketch -------------------------------------------------------------------------------
 
     def load(self, sketch, origin="sketch", live=False):
@@ -257,8 +251,8 @@ class ExpressionSession:
         origin : str
             Where it came from, in words.
         live : bool, default=False
-            While the sketch is still being drawn: a run of such calls is one step of undo, ended
-            by `settle`.
+            While the sketch is still being drawn: a stroke of such calls is one step of undo,
+            ended by `settle`.
 
         Raises
         ------
@@ -301,7 +295,7 @@ class ExpressionSession:
     def set(self, alpha=None, lam=None, bounds=None, criterion=None, align=None, clamp=None):
         """Change one setting or more; what is left out stays.
 
-        A run of changes of alpha alone, or of lam alone, is one step of undo.
+        A stroke of changes of alpha alone, or of lam alone, is one step of undo.
 
         Parameters
         ----------
@@ -338,14 +332,14 @@ class ExpressionSession:
         ):
             if value is not None:
                 changes[name] = check_choice(value, name, choices)
-        run = "".join(changes)
-        self._step(run if run in ("alpha", "lam") else None, **changes)
+        stroke = "".join(changes)
+        self._step(stroke if stroke in ("alpha", "lam") else None, **changes)
 
     def lock(self, name, weight=None):
         """Hold a unit at a weight: set by hand, or the present one if left out.
 
-        The others are solved for anew. A hand may go beyond the bounds. A run of weights for the
-        same unit is one step of undo.
+        The others are solved for anew. A hand may go beyond the bounds. A stroke of weights for
+        the same unit is one step of undo.
         """
         index = self._index(name)
         weight = self.weights[index] if weight is None else check_number(weight, "weight")
@@ -359,10 +353,9 @@ class ExpressionSession:
     def exclude(self, name):
         """Leave a unit out: its weight is 0, and the others are solved for anew."""
         self._index(name)
-        locked = {n: w for n, w in self.state.locked.items() if n != name}
-        self._step(locked=MappingProxyType(locked), excluded=self.state.excluded | {name})
+        self._step(locked=self._locked_but(name), excluded=self.state.excluded | {name})
 
-    def release(self, name=None):
+    def free(self, name=None):
         """Let a unit go that was locked or excluded; all of them if no name is given."""
         if name is None:
             self._step(locked=MappingProxyType({}), excluded=frozenset())
@@ -370,8 +363,10 @@ class ExpressionSession:
         self._index(name)
         if name not in self.state.locked and name not in self.state.excluded:
             raise ValueError(f"name={name!r} is neither locked nor excluded.")
-        locked = {n: w for n, w in self.state.locked.items() if n != name}
-        self._step(locked=MappingProxyType(locked), excluded=self.state.excluded - {name})
+        self._step(locked=self._locked_but(name), excluded=self.state.excluded - {name})
+
+    def _locked_but(self, name):
+        return MappingProxyType({n: w for n, w in self.state.locked.items() if n != name})
 
     def _index(self, name):
         if name not in self.names:
@@ -382,61 +377,32 @@ class ExpressionSession:
 
     # --- steps ------------------------------------------------------------------------------------
 
-    def _solved(self, state):
-        """The state with its fit: solved anew only if something changed that it depends on."""
+    def _solved(self, state, before=None):
+        """The state with its fit: that of the state before, unless what it depends on changed."""
         shared = ("sketch", "lam", "bounds", "align", "locked", "excluded")
-        if state.fit is None or any(
-            getattr(state, a) is not getattr(self.state, a) for a in shared
-        ):
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # alphas out of reach: `note` says so
-                fit = regress_expression(
-                    self.basis,
-                    state.sketch,
-                    state.lam,
-                    ALPHAS,
-                    BOUNDS[state.bounds],
-                    locked=state.locked,
-                    excluded=state.excluded,
-                    align=state.align,
-                    criterion=state.criterion,
-                )
-        else:
-            fit = replace(state.fit, criterion=state.criterion)
+        if before is not None and all(getattr(state, a) is getattr(before, a) for a in shared):
+            return replace(state, fit=replace(before.fit, criterion=state.criterion))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # alphas out of reach: `note` says so
+            fit = regress_expression(
+                self.basis,
+                state.sketch,
+                state.lam,
+                ALPHAS,
+                BOUNDS[state.bounds],
+                locked=state.locked,
+                excluded=state.excluded,
+                align=state.align,
+                criterion=state.criterion,
+            )
         return replace(state, fit=fit)
 
-    def _step(self, run=None, **changes):
-        """Make the changes a step of undo, or part of the run under way, if they are any."""
-        if all(_same(getattr(self.state, name), value) for name, value in changes.items()):
-            return
-        state, goes_on = self._solved(replace(self.state, **changes)), run and run == self._run
-        self._past = [*(self._past[:-1] if goes_on else self._past[-_STEPS:]), state]
-        self._run, self._future = run, []
-        self._tell("move" if goes_on else "step")
-
-    observe, _tell = History.observe, History._tell  # watched as a PosingSession is
-
-    def settle(self):
-        """End a run: the next change is a step of undo of its own."""
-        self._run = None
-
-    def undo(self):
-        """Go one step back; False if there is none."""
-        self._run = None
-        if not self.can_undo:
-            return False
-        self._future.append(self._past.pop())
-        self._tell("step")
-        return True
-
-    def redo(self):
-        """Go one undone step forward again; False if there is none."""
-        self._run = None
-        if not self._future:
-            return False
-        self._past.append(self._future.pop())
-        self._tell("step")
-        return True
+    def _step(self, stroke=None, **changes):
+        """Make the changes a step of undo, or part of the stroke under way, if they are any."""
+        state = replace(self.state, **changes)
+        if not state.same(self.state):
+            with self.history.group(stroke):
+                self.history.make(self._solved(state, self.state))
 
     # --- where the result goes --------------------------------------------------------------------
 
@@ -520,7 +486,3 @@ def _positions(sketch):
     V = sketch_positions(sketch).copy()
     V.flags.writeable = False
     return V
-
-
-def _same(a, b):
-    return np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b

@@ -33,6 +33,9 @@ N_COMPONENTS = 30
 
 _FILL = "leave lost frames out, or fill their gaps"
 
+BETA = 0.5
+"""β of the paper: weight of the agreement of regions on their boundaries."""
+
 
 class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
     """One PCA per region of the face, all solved together with soft boundaries.
@@ -93,7 +96,7 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         self,
         regions=None,
         n_components=None,
-        beta=0.5,
+        beta=BETA,
         spread="each",
         blending="mean",
         random_state=0,
@@ -295,7 +298,7 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         return other.set_bases(self.mean_, self.members_, *cut)
 
     @staticmethod
-    def from_bases(regions, mean, bases, beta=0.5, blending="mean"):
+    def from_bases(regions, mean, bases, beta=BETA, blending="mean"):
         """A model with any linear basis in each region; rows need not be orthonormal (Eq. 4).
 
         Parameters

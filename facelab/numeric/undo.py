@@ -1,7 +1,12 @@
-"""Undo without end, groups of edits, a log that can be replayed, and those who watch."""
+"""Undo for any session: steps, strokes, groups, all or nothing; a log of edits; those who watch.
+
+A session owns a `History` of its states and declares its edits by `edit`; that they are undone,
+logged and replayed follows.
+"""
 
 import functools
 import inspect
+import operator
 import time
 import warnings
 import weakref
@@ -10,62 +15,53 @@ from contextlib import contextmanager
 import numpy as np
 
 
-def logged(edit):
-    """Write the call of an edit down once it has done its work, if it changed the state."""
-    names = list(inspect.signature(edit).parameters)[1:]
-
-    @functools.wraps(edit)
-    def wrapper(self, *args, **kwargs):
-        before, outermost = self.state, not self._editing
-        self._editing = True  # what an edit calls in its turn is part of it
-        try:
-            result = edit(self, *args, **kwargs)
-        finally:
-            self._editing = not outermost
-        if outermost and self.state is not before:
-            self._note(edit.__name__, **dict(zip(names, args, strict=False)), **kwargs)
-            self._tell("step")
-        return result
-
-    return wrapper
-
-
 class History:
     """Steps of a session that can be undone, and what was done when.
-
-    A session derives from it and has `release` and `cancel` for a drag under way, which `dragging`
-    tells. A state never changes and says by `same` whether another is the same.
 
     Parameters
     ----------
     state : object
-        The first one.
+        The first one. States never change.
+    same : callable, optional
+        Whether two states are the same; `state.same(other)` if left out.
     clock : callable
         Seconds.
+    most : int, optional
+        Steps kept; all of them if left out.
 
     Attributes
     ----------
-    log : list of dict
-        Every edit with its time since the start, in seconds: {"t", "do", ...arguments}.
+    state : object
+        The present one; what is under way is not in it.
+    live : object or None
+        What is under way and no step yet, such as a drag; a value that never changes.
+    aside : object
+        A setting that belongs to no step: undo leaves it alone.
     """
 
-    def __init__(self, state, clock=time.time):
-        self._past, self._future = [state], []
-        self._undone = []  # what could be redone before the groups that merge began
-        self._group = self._merge_key = None
-        self._clock, self._started, self._editing = clock, clock(), False
-        self._observers = []
-        self.log = []
+    def __init__(self, state, same=None, clock=time.time, most=None):
+        # values that never change, so that `whole` need only remember them
+        self._past, self.state, self._future = (), state, ()
+        self._key, self._ahead = None, ()  # of the last step: its stroke; what could be redone
+        self._under = None  # in a group: the states on which its step stands
+        self._acts, self._entries = (), ()  # of the log, those of a step together; of the group
+        self.live = self.aside = None
+        self._same = same or type(state).same
+        self._clock, self._started = clock, clock()
+        self._kept = slice(None if most is None else -most, None)
+        self._depth, self._observers = 0, []
+
+    # --- steps ------------------------------------------------------------------------------------
 
     @property
-    def state(self):
-        """The present state; a drag under way is not in it before its release."""
-        return self._past[-1]
+    def states(self):
+        """States of all steps that can be undone or redone, the present one first: list."""
+        return [self.state, *reversed(self._past), *reversed(self._future)]
 
     @property
     def can_undo(self):
         """Whether there is a step to go back to."""
-        return self.n_undo > 0 or self.dragging
+        return self.n_undo > 0 or self.live is not None
 
     @property
     def can_redo(self):
@@ -75,7 +71,7 @@ class History:
     @property
     def n_undo(self):
         """Steps that can be undone."""
-        return len(self._past) - 1
+        return len(self._past)
 
     @property
     def n_redo(self):
@@ -85,13 +81,16 @@ class History:
     def undo(self):
         """Go one step back; False if there is none. A drag under way is given up instead."""
         self._refuse_in_group()
-        if self.dragging:
+        if self.live is not None:
             self.cancel()
             return True
-        if not self.n_undo:
+        if not self._past:
             return False
-        self._future.append(self._past.pop())
-        self._walked("undo")
+        with self.whole():
+            self._future = (*self._future, self.state)
+            *past, self.state = self._past
+            self._past = tuple(past)
+            self.note("undo")
         return True
 
     def redo(self):
@@ -99,26 +98,51 @@ class History:
         self._refuse_in_group()
         if not self._future:
             return False
-        self.cancel()
-        self._past.append(self._future.pop())
-        self._walked("redo")
+        with self.whole():
+            self._past, self.live = (*self._past, self.state), None
+            *future, self.state = self._future
+            self._future = tuple(future)
+            self.note("redo")
         return True
 
-    def _walked(self, way):
-        self._merge_key = None
-        self._note(way)
-        self._tell("step")
+    def cancel(self):
+        """Give up the drag under way; all is as it was before."""
+        if self.live is not None:
+            self.live = None
+            self.tell("move")
 
-    def _refuse_in_group(self):
-        if self._group is not None:
-            raise RuntimeError("undo, redo and saving belong outside `with session.group()`.")
+    def make(self, state):
+        """Make a state the present one, by a step of its own or that of the group under way.
 
-    def _push(self, state):
-        """Make a state the present one; a change of nothing is no step."""
-        if not state.same(self.state):
-            self._past.append(state)
-            self._future = []
-            self._merge_key = None
+        Returns
+        -------
+        bool
+            False if it is the same as the present one: then nothing is done.
+        """
+        if self._same(state, self.state):
+            return False
+        if self._under is None:
+            self._past, self._key = (*self._past, self.state)[self._kept], None
+        else:
+            self._past = self._under
+        self.state, self._future = state, ()
+        return True
+
+    # --- groups -----------------------------------------------------------------------------------
+
+    @contextmanager
+    def whole(self):
+        """All that is done inside stays, or an error takes all of it back; told of at the end."""
+        before = vars(self).copy()
+        self._depth += 1
+        try:
+            yield
+        except BaseException:
+            vars(self).update(before)
+            raise
+        self._depth -= 1
+        if self.state is not before["state"] or self.aside != before["aside"]:
+            self.tell("step")
 
     @contextmanager
     def group(self, key=None):
@@ -127,73 +151,85 @@ class History:
         Parameters
         ----------
         key : str, optional
-            The step merges into the last one if that was grouped under the same key and nothing
-            came between (`seal` ends that): so one drag of a slider is one step.
+            The step goes on with the last one if that was made under the same key and nothing came
+            between (`settle` ends that): so one stroke of a slider is one step.
         """
-        if self._group is not None:  # inside another one
-            yield
-            return
-        self.release()
-        start, future = len(self._past), self._future
-        merges = key is not None and key == self._merge_key
-        self._group = key or "group"
-        try:
-            with self._all_or_nothing():
-                self._note("group", key=key)
+        if not (key is None or isinstance(key, str)):
+            raise TypeError(f"key is a {type(key).__name__}; give a name, such as the slider's.")
+        with self.whole():
+            if self._under is not None:  # part of the group around it
                 yield
-                self.release()
-        finally:
-            self._group = None
-        self._note("end")
-        if len(self._past) > start:
-            first = start - 1 if merges else start
-            self._past[first:] = [self.state]
-            self._merge_key = key
-            self._undone = self._undone if merges else future
-            if self.state.same(self._past[first - 1]):
-                self._past.pop()
-                self._future, self._merge_key = self._undone, None
-            self._tell("step")
-
-    @contextmanager
-    def _all_or_nothing(self):
-        """An error inside takes back all that was done, undone, redone and logged since."""
-        self.release()
-        memory = self._memory()
-        try:
+                return
+            if key is None or key != self._key:
+                self._under, self._ahead = (*self._past, self.state), self._future
+            else:  # the stroke goes on
+                self._under = self._past
+                *acts, self._entries = self._acts or ((),)
+                self._acts = tuple(acts)
             yield
-        except BaseException:
-            self._recall(memory)
-            self.cancel()
-            self._tell("step")
-            raise
+            self._close(key)
 
-    def _memory(self):
-        """All that an error in a group or a log must bring back."""
-        steps = list(self._past), list(self._future), list(self._undone)
-        return *steps, list(self.log), self._merge_key
+    def _close(self, key):
+        under, self._under = self._under, None
+        made = self._past is under
+        if made and self._same(self.state, under[-1]):  # it came back to where it began
+            *past, self.state = under
+            self._past, self._future, self._key = tuple(past), self._ahead, None
+        elif made:
+            self._past, self._key = under[self._kept], key
+        elif self._entries:  # no step, but something came between
+            self._key = None
+        if self._entries:
+            self._acts, self._entries = (*self._acts, self._entries), ()
 
-    def _recall(self, memory):
-        self._past, self._future, self._undone, self.log[:], self._merge_key = memory
+    def settle(self):
+        """End the stroke: the next change makes a step of its own."""
+        self._key = None
 
-    def seal(self):
-        """End merging by key: the next group makes a step of its own."""
-        if self._merge_key is not None:
-            self._merge_key = None
-            self._note("seal")
+    def _refuse_in_group(self):
+        if self._under is not None:
+            raise RuntimeError(
+                "undo, redo, the log and saving belong outside `with session.group()`."
+            )
 
-    def _note(self, what, **arguments):
-        t = round(self._clock() - self._started, 3)
-        plain = {k: self._plain(a) for k, a in arguments.items()}
-        self.log.append({"t": t, "do": what, **plain})
+    # --- the log ----------------------------------------------------------------------------------
 
-    def _plain(self, value):
-        """The value as JSON has it, and nothing of it shared."""
-        if isinstance(value, (list, tuple)):
-            return [self._plain(each) for each in value]
-        if value is None or isinstance(value, (bool, int, float, str)):
-            return value.item() if isinstance(value, np.generic) else value
-        return np.asarray(value).tolist()
+    @property
+    def log(self):
+        """Every edit with its time since the start, seconds: list of {"t", "do", ...arguments}.
+
+        Those of one step, if they are several, stand between "group" and "end". Of edits in one
+        step that replace each other, as those of a stroke, only the last is kept.
+        """
+        self._refuse_in_group()
+        log = []
+        for act in self._acts:
+            first, last = {"t": act[0]["t"], "do": "group"}, {"t": act[-1]["t"], "do": "end"}
+            log += act if len(act) == 1 else (first, *act, last)
+        return log
+
+    def note(self, do, over=None, **arguments):
+        """Write into the log that something was done.
+
+        Parameters
+        ----------
+        over : iterable of str, optional
+            Arguments that say where it was done: it replaces the entry before it in the same step
+            if that did the same there. It replaces none if left out.
+        **arguments
+            As JSON has them.
+        """
+        entry = {"t": round(self._clock() - self._started, 3), "do": do, **arguments}
+        if self._under is None:
+            self._acts, self._key = (*self._acts, (entry,)), None
+            return
+        before = self._entries
+        if over is not None and before and before[-1].keys() == entry.keys():
+            if all(before[-1][k] == entry[k] for k in ("do", *over)):
+                before = before[:-1]
+        self._entries = (*before, entry)
+
+    # --- those who watch --------------------------------------------------------------------------
 
     def observe(self, callback):
         """Call back after every change, so that views of the session stay in step.
@@ -211,8 +247,9 @@ class History:
         held = inspect.ismethod(callback)
         self._observers.append(weakref.WeakMethod(callback) if held else lambda: callback)
 
-    def _tell(self, what):
-        if self._group is not None:
+    def tell(self, what):
+        """Tell those who watch, unless what is being done is not yet whole."""
+        if self._depth:
             return
         alive = [(known, known()) for known in self._observers]
         self._observers = [known for known, callback in alive if callback is not None]
@@ -231,3 +268,88 @@ class History:
                 RuntimeWarning,
                 stacklevel=3,
             )
+
+
+def plain(value):
+    """The value as JSON has it, and nothing of it shared."""
+    if isinstance(value, (list, tuple)):
+        return [plain(each) for each in value]
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value.item() if isinstance(value, np.generic) else value
+    return np.asarray(value).tolist()
+
+
+def edit(method=None, *, over=None, **forms):
+    """Declare a method of a session as an edit: one step, one entry of the log, all or nothing.
+
+    The method changes nothing itself: it returns the state that is wanted, or None if it did
+    something beside the states. Before it begins, the session lets go of what is under way.
+
+    Parameters
+    ----------
+    over : iterable of str, optional
+        See `History.note`.
+    **forms : (write, read)
+        For an argument that JSON cannot hold: `write(value)` gives what stands in the log, and
+        `read(stored, session, models)` the value again.
+    """
+    if method is None:
+        return functools.partial(edit, over=over, **forms)
+    names = list(inspect.signature(method).parameters)[1:]
+
+    @functools.wraps(method)
+    def wrapper(self, *args, **kwargs):
+        history = self.history
+        with history.whole():
+            _let_go(self)
+            state = method(self, *args, **kwargs)
+            if state is None or history.make(state):
+                given = dict(zip(names, args, strict=False)) | kwargs
+                written = {k: forms[k][0](v) if k in forms else plain(v) for k, v in given.items()}
+                history.note(method.__name__, over, **written)
+
+    wrapper.reads = {name: read for name, (_, read) in forms.items()}
+    return wrapper
+
+
+def edit_named(session, name):
+    """The edit that a session declares under a name, the setter of a property too, or None."""
+    found = getattr(type(session), name, None)
+    found = getattr(found, "fset", found)
+    return found if hasattr(found, "reads") else None
+
+
+def has_history(cls):
+    """Class decorator: what people do with the `history` of a session they do with the session."""
+    get = operator.attrgetter("history.state")
+    cls.state = property(get, doc="The present state; what is under way is not in it.")
+    for name in ("can_undo", "can_redo", "n_undo", "n_redo"):
+        get = operator.attrgetter(f"history.{name}")
+        setattr(cls, name, property(get, doc=getattr(History, name).__doc__))
+    for name in ("undo", "redo", "cancel", "settle", "observe"):
+        setattr(cls, name, _passed_on(getattr(History, name)))
+    cls.group = _group
+    return cls
+
+
+def _passed_on(method):
+    @functools.wraps(method)
+    def call(self, *args, **kwargs):
+        return method(self.history, *args, **kwargs)
+
+    return call
+
+
+@contextmanager
+@functools.wraps(History.group)
+def _group(self, key=None):
+    with self.history.whole():
+        _let_go(self)
+        with self.history.group(key):
+            yield
+            _let_go(self)
+
+
+def _let_go(session):
+    if session.history.live is not None:
+        session.release()

@@ -2,12 +2,15 @@
 
 from facelab.posing.clips import Clip, interpolate
 from facelab.posing.log import replay
+from facelab.posing.ranges import BETA, GAMMA
 from facelab.posing.sculpt import Sculpt
 from facelab.posing.session import PosingSession
 from facelab.posing.solver import PoseSolver
 from facelab.posing.state import PoseState
 
 __all__ = [
+    "BETA",
+    "GAMMA",
     "Clip",
     "PoseSolver",
     "PoseState",

@@ -1,8 +1,9 @@
 """A log of edits, done again."""
 
 import contextlib
+import inspect
 
-from facelab.posing.state import find_model, state_from_dict
+from facelab.numeric.undo import edit_named
 
 
 def replay(log, session, models=()):
@@ -31,7 +32,7 @@ def replay(log, session, models=()):
         raise TypeError(
             f"log is a {type(log).__name__}; give a list of entries (`read_log(path)`)."
         )
-    with session._all_or_nothing():
+    with session.history.whole():
         _play(iter(enumerate(list(log))), session, models)
     return session
 
@@ -40,18 +41,18 @@ def _play(entries, session, models, inside=False):
     """Do edits one after another; those inside a group up to its end."""
     for i, entry in entries:
         with _named(i, entry):
-            do = entry["do"]
-            arguments = {k: v for k, v in entry.items() if k not in ("t", "do")}
-            if do == "end":
+            do, arguments = _parts(entry)
+            if do == "group":
+                if inside:
+                    raise ValueError("a group is open already")
+                group = session.group(**_checked(arguments, (), ("key",)))
+            elif do == "end":
                 if not inside:
                     raise ValueError("no group is open")
                 return
-            if do != "group":
+            else:
                 _redo(do, arguments, session, models)
                 continue
-            if inside:
-                raise ValueError("a group is open already")
-            group = session.group(**arguments)
         with group:
             _play(entries, session, models, inside=True)
     if inside:
@@ -60,34 +61,42 @@ def _play(entries, session, models, inside=False):
 
 @contextlib.contextmanager
 def _named(i, entry):
-    """Errors inside, also those of missing or misshapen arguments, name the entry of the log."""
+    """Errors inside name the entry of the log."""
     try:
-        if not isinstance(entry, dict):
-            raise TypeError("it is no dict with an entry 'do'")
         yield
     except Exception as error:
         do = repr(entry.get("do") if isinstance(entry, dict) else entry)[:60]
-        why = f"its entry {error} is missing" if isinstance(error, KeyError) else error
-        raise ValueError(f"log[{i}] ({do}) cannot be done: {why}") from error
+        raise ValueError(f"log[{i}] ({do}) cannot be done: {error}") from error
 
 
-_EDITS = frozenset(
-    "set_pin remove_pin mirror_pin keep reset reset_region set apply mirror mold undo redo "
-    "seal".split()
-)
+def _parts(entry):
+    """What an entry does, and its arguments as they are written."""
+    if not isinstance(entry, dict):
+        raise TypeError("it is no dict with an entry 'do'")
+    if not isinstance(entry.get("do"), str):
+        raise ValueError("its entry 'do' is missing or no text")
+    return entry["do"], {k: v for k, v in entry.items() if k not in ("t", "do")}
 
 
 def _redo(do, arguments, session, models):
-    if do == "pull":
-        session.drag(**arguments)
-        session.release()
-    elif do == "symmetric":
-        session.symmetric = arguments["on"]
-    elif do == "use":
-        session.use(find_model(arguments["model"], session, models))
-    elif do == "restore":
-        session.restore(state_from_dict(arguments["state"], session, models))
-    elif do in _EDITS:
-        getattr(session, do)(**arguments)
-    else:
+    if do in ("undo", "redo", "seal"):  # seal: old logs have it
+        _checked(arguments, (), ())
+        {"undo": session.undo, "redo": session.redo, "seal": session.settle}[do]()
+        return
+    edit = edit_named(session, do)
+    if edit is None:
         raise ValueError("no such edit")
+    known = list(inspect.signature(edit).parameters.values())[1:]
+    _checked(arguments, [p.name for p in known if p.default is p.empty], [p.name for p in known])
+    read = {k: edit.reads[k] for k in arguments if k in edit.reads}
+    edit(session, **arguments | {k: r(arguments[k], session, models) for k, r in read.items()})
+
+
+def _checked(arguments, needed, known):
+    """The arguments, refused if one is missing or too many."""
+    for name in needed:
+        if name not in arguments:
+            raise ValueError(f"its entry {name!r} is missing")
+    if more := [name for name in arguments if name not in known]:
+        raise ValueError(f"it takes no {', '.join(map(repr, more))}")
+    return arguments

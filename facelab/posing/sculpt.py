@@ -5,8 +5,11 @@ from scipy.sparse.csgraph import dijkstra
 
 from facelab.checks import as_finite, check_index, check_number
 from facelab.geometry.mesh import TriangleMesh
+from facelab.numeric.undo import History, has_history
+from facelab.posing.state import frozen_copy
 
 
+@has_history
 class Sculpt:
     """A face whose skin follows a pulled vertex softly, near it and along the surface only.
 
@@ -28,6 +31,8 @@ class Sculpt:
     ----------
     radius : float
         May be changed between pulls.
+    history : History
+        Its pulls: undo, redo, `cancel` and `observe` are its.
     """
 
     def __init__(self, mesh, vertices=None, radius=20.0):
@@ -36,33 +41,24 @@ class Sculpt:
         self.mesh = mesh
         self.radius = check_number(radius, "radius", above=0)
         start = mesh.vertices if vertices is None else vertices
-        self._past = [as_finite(start, "vertices", mesh.vertices.shape).copy()]
-        self._future = []
-        self._drag = None  # vertex, target (3,), follow (n_vertices,)
+        start = as_finite(start, "vertices", mesh.vertices.shape)
+        # live is the vertex held, its target (3,) and how all follow it (n_vertices,)
+        self.history = History(frozen_copy(start), np.array_equal)
 
     @property
     def vertices(self):
         """The face as it is pulled now, shape (n_vertices, 3), millimetres."""
-        V = self._past[-1]
-        if self._drag is None:
+        V = self.state
+        if self.history.live is None:
             return V.copy()
-        vertex, target, follow = self._drag
+        vertex, target, follow = self.history.live
         return V + follow[:, None] * (target - V[vertex])
 
     @property
     def pins(self):
         """The vertex held and its target: dict of int to ndarray (3,), empty between pulls."""
-        return {} if self._drag is None else {self._drag[0]: self._drag[1].copy()}
-
-    @property
-    def can_undo(self):
-        """Whether there is a pull to take back."""
-        return len(self._past) > 1 or self._drag is not None
-
-    @property
-    def can_redo(self):
-        """Whether there is a pull taken back."""
-        return bool(self._future)
+        held = self.history.live
+        return {} if held is None else {held[0]: held[1].copy()}
 
     def press(self, vertex):
         """Take hold of a vertex where it is.
@@ -77,43 +73,20 @@ class Sculpt:
         self.release()
         g = dijkstra(self.mesh.adjacency, directed=False, indices=vertex, limit=self.radius)
         follow = np.maximum(1 - (g / self.radius) ** 2, 0) ** 2  # g is inf beyond the radius
-        self._drag = vertex, self._past[-1][vertex].copy(), follow
+        self.history.live = vertex, self.state[vertex].copy(), follow
         return follow[:, None, None] * np.eye(3)
 
     def drag(self, vertex, target):
         """Pull a vertex to a target, shape (3,), millimetres."""
         target = as_finite(target, "target", (3,), remedy="give three finite coordinates")
-        if self._drag is None or self._drag[0] != vertex:
+        held = self.history.live
+        if held is None or held[0] != vertex:
             self.press(vertex)
-        self._drag = self._drag[0], target.copy(), self._drag[2]
+        self.history.live = vertex, target.copy(), self.history.live[2]
+        self.history.tell("move")
 
     def release(self):
         """Let go: the face stays as it was pulled; a press without a drag leaves no step."""
-        if self._drag is not None:
-            V = self.vertices
-            self._drag = None
-            if (V != self._past[-1]).any():
-                self._past.append(V)
-                self._future = []
-
-    def cancel(self):
-        """Give up the pull under way."""
-        self._drag = None
-
-    def undo(self):
-        """Take the last pull back; False if there is none. A pull under way is given up instead."""
-        if self._drag is not None:
-            self.cancel()
-        elif len(self._past) == 1:
-            return False
-        else:
-            self._future.append(self._past.pop())
-        return True
-
-    def redo(self):
-        """Pull again what was taken back; False if there is nothing."""
-        if not self._future:
-            return False
-        self.cancel()
-        self._past.append(self._future.pop())
-        return True
+        with self.history.whole():
+            V, self.history.live = self.vertices, None
+            self.history.make(frozen_copy(V))

@@ -4,55 +4,25 @@ Tena et al. 2011, sections 3.2 and 6. The mathematics is in `facelab.posing.solv
 """
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from facelab.checks import as_finite, check_index, check_number, check_type
-from facelab.face_model import FaceModel
-from facelab.geometry.binding import LinearBinding
-from facelab.geometry.mesh import TriangleMesh
-from facelab.geometry.symmetry import MIRROR, check_partners, mirror_partners
-from facelab.numeric.undo import History, logged
+from facelab.checks import as_finite, check_choice, check_index, check_number
+from facelab.geometry.symmetry import MIRROR
+from facelab.numeric.undo import History, edit, has_history
+from facelab.posing.drag import Drag, moving_with, targets
+from facelab.posing.face import PosedFace
 from facelab.posing.fingerprint import fingerprint
-from facelab.posing.solver import REFERENCE_VERTICES, STIFFNESS, PoseSolver, check_limit
-from facelab.posing.state import PoseState, state_to_dict
-
-__all__ = [
-    "REFERENCE_VERTICES",
-    "STIFFNESS",
-    "PoseSolver",
-    "PoseState",
-    "PosingSession",
-    "mirror_partners",
-]
+from facelab.posing.ranges import BETA, GAMMA, check_beta, check_gamma, check_weight
+from facelab.posing.solver import check_limit
+from facelab.posing.state import PoseState, find_model, state_from_dict, state_to_dict
 
 _AS_IT_IS = object()
-_NO_PINS = {"pins": {}, "weights": {}, "locked": frozenset()}
-_SOLVERS_KEPT = 3  # so that going back to another model is quick
 
 
-@dataclass
-class _Drag:
-    vertex: int
-    start: np.ndarray  # (3,) target displacement when the drag began, mm
-    target: np.ndarray  # (3,)
-    moving: dict  # vertex to (its start, (3, 3) matrix that turns the pull into its own)
-    problem: object
-    fixed: np.ndarray  # (n_pins, 3) targets of all pins of the problem when the drag began
-    c: np.ndarray  # (P,) coefficients when the drag began, or now if not affine
-    x: np.ndarray  # (3 * n_vertices,) the pose likewise, mm
-    slope: np.ndarray | None = None  # (P, 3): coefficients for a millimetre of target
-    D: np.ndarray | None = None  # (3 * n_vertices, 3): millimetres of pose for one of target
-    asked: np.ndarray | None = None  # (3,) where the vertex was to go, mm
-
-    def targets(self):
-        """Targets now of all that moves: dict of int to ndarray of shape (3,)."""
-        pull = self.target - self.start
-        return {v: start + M @ pull for v, (start, M) in self.moving.items()}
-
-
-class PosingSession(History):
+@has_history
+class PosingSession:
     """Everything a person can do to a pose, without any widget.
 
     Parameters
@@ -81,9 +51,8 @@ class PosingSession(History):
 
     Attributes
     ----------
-    log : list of dict
-        Every edit with its time since the start, in seconds: {"t", "do", ...arguments}.
-        `facelab.posing.replay` does them again.
+    history : History
+        Its steps, and what is under way: undo, redo, `cancel`, `settle` and `observe` are its.
 
     Raises
     ------
@@ -117,62 +86,30 @@ class PosingSession(History):
         self,
         model,
         neutral,
-        beta=0.5,
-        gamma=0.025,
+        beta=BETA,
+        gamma=GAMMA,
         binding=None,
         shared_pins="blended",
         limit=None,
         partners=None,
         clock=time.time,
     ):
-        if not isinstance(neutral, TriangleMesh):
-            raise TypeError(f"neutral is a {type(neutral).__name__}; give a TriangleMesh.")
-        if not (binding is None or isinstance(binding, LinearBinding)):
-            raise TypeError(
-                f"binding is a {type(binding).__name__}; give the LinearBinding of "
-                "`bind(neutral, samples)`."
-            )
-        self.neutral = neutral
-        self.binding = binding
-        self.shared_pins = shared_pins
-        if binding is not None and binding.mesh.n_vertices != neutral.n_vertices:
-            raise ValueError(
-                f"binding carries {binding.mesh.n_vertices} vertices, but neutral has "
-                f"{neutral.n_vertices}; bind the neutral itself."
-            )
-        self._partners = partners
-        if partners is not None:
-            self._partners = check_partners(partners, neutral.n_vertices)
-        self._symmetric = False
-        self._check_model(model)
-        self._solvers = {}
+        self._face = PosedFace(neutral, binding, shared_pins, partners)
+        self.neutral, self.binding, self.shared_pins = neutral, binding, shared_pins
+        self._face.check_model(model)
         rest = np.zeros(model.n_coefficients)
         start = PoseState(
             model,
             {},
-            check_number(beta, "beta", low=0),
-            check_number(gamma, "gamma", above=0),
+            check_beta(beta),
+            check_gamma(gamma),
             *(rest, rest, rest),
             limit=check_limit(limit, model),
         )
-        self._solver_for(start)  # refuses what it cannot use
-        super().__init__(start, clock)
-        self._drag = None
+        self._face.solver(start)  # refuses what it cannot use
+        self.history = History(start, clock=clock)
+        self.history.aside = False  # whether drags are symmetric; live is a `Drag`
         self._shown = None, None  # a state and its vertices
-
-    def _check_model(self, model):
-        remedy = "give a fitted RegionModel or HolisticModel, or a BlendshapeRig"
-        check_type(model, "model", FaceModel, remedy)
-        model.check_fitted()
-        sizes = {self.neutral.n_vertices}
-        if self.binding is not None:
-            sizes.add(len(self.binding.samples))
-        if model.n_vertices not in sizes:
-            raise ValueError(
-                f"the model has {model.n_vertices} vertices, but {min(sizes)} are to be posed; "
-                "train it on motion of this face, or give the binding from its control vertices to "
-                "the face."
-            )
 
     # --- what is shown ----------------------------------------------------------------------------
 
@@ -184,8 +121,7 @@ class PosingSession(History):
     @property
     def models(self):
         """Models of all steps that can be undone or redone, the present one first: list."""
-        steps = [*reversed(self._past), *reversed(self._future)]
-        return list(dict.fromkeys(state.model for state in steps))
+        return list(dict.fromkeys(state.model for state in self.history.states))
 
     @property
     def beta(self):
@@ -214,25 +150,27 @@ class PosingSession(History):
     @property
     def dragging(self):
         """Whether a vertex is held."""
-        return self._drag is not None
+        return self.history.live is not None
+
+    @property
+    def log(self):
+        """Every edit with its time since the start, in seconds: list of {"t", "do", ...arguments}.
+
+        `facelab.posing.replay` does them again. A stroke of a slider is one entry.
+        """
+        return self.history.log
 
     @property
     def coefficients(self):
         """The pose on screen as coefficients counted from the neutral (weights of a rig): (P,)."""
-        drag = self._drag
-        if drag is None:
-            return self.state.coefficients.copy()
-        if drag.slope is None:
-            return drag.c.copy()
-        return drag.c + drag.slope @ (drag.target - drag.start)
+        drag = self.history.live
+        return self.state.coefficients.copy() if drag is None else drag.coefficients
 
     @property
     def vertices(self):
         """The pose on screen, shape (n_vertices, 3), millimetres."""
-        drag = self._drag
-        if drag is not None:
-            x = drag.x if drag.D is None else drag.x + drag.D @ (drag.target - drag.start)
-            return x.reshape(-1, 3).copy()
+        if self.history.live is not None:
+            return self.history.live.vertices
         if self._shown[0] is not self.state:
             self._shown = self.state, self.vertices_of(self.state.coefficients)
         return self._shown[1].copy()
@@ -249,24 +187,20 @@ class PosingSession(History):
         -------
         V : ndarray of shape (n_vertices, 3) or (n, n_vertices, 3)
         """
-        n = self._solver.n_coefficients
-        coefficients = np.asarray(coefficients, dtype=float)
-        as_finite(np.atleast_2d(coefficients), "coefficients", ("n", n))
-        V = self.neutral.vertices + self._solver.shown(coefficients)
-        return V[0] if coefficients.ndim == 1 else V
+        return self._face.vertices(self.state, coefficients)
 
     @property
     def pins(self):
         """Pinned vertices of the shown face and their targets: dict of int to ndarray (3,)."""
         pins = dict(self.state.pins)
-        if self._drag is not None:
-            pins |= self._drag.targets()
+        if self.history.live is not None:
+            pins |= self.history.live.targets
         return {v: self.neutral.vertices[v] + t for v, t in pins.items()}
 
     @property
     def pin_weights(self):
         """Weights of the pins: dict of int to float."""
-        return {v: self.state.weights.get(v, 1.0) for v in self.state.pins}
+        return dict(zip(self.state.pins, self.state.weights_of(self.state.pins), strict=True))
 
     @property
     def locked(self):
@@ -281,17 +215,12 @@ class PosingSession(History):
     @property
     def region_labels(self):
         """Region of each vertex of the shown face, (n_vertices,) int; None without regions."""
-        if self.regions is None:
-            return None
-        labels = self.regions.labels
-        return labels if self._solver.binding is None else labels[self.binding.handle_of]
+        return self._face.region_labels(self.state)
 
     @property
     def partners(self):
         """Mirrored partner of each vertex of the shown face, -1 for none: (n_vertices,) int."""
-        if self._partners is None:
-            self._partners = mirror_partners(self.neutral)
-        return self._partners
+        return self._face.partners
 
     @property
     def symmetric(self):
@@ -300,15 +229,16 @@ class PosingSession(History):
         The partner is pulled by the mirrored pull from where it is. A vertex on the midline keeps
         to it; one without a partner, or whose partner is locked, moves alone.
         """
-        return self._symmetric
+        return self.history.aside
 
     @symmetric.setter
+    @edit
     def symmetric(self, on):
-        self.release()
-        if bool(on) != self._symmetric:
-            self._symmetric = bool(on)
-            self._note("symmetric", on=self._symmetric)
-            self._tell("step")
+        on = check_choice(on, "symmetric", (True, False))
+        if on == self.symmetric:
+            return self.state
+        self.history.aside = on
+        return None
 
     def plausibility(self):
         """Mahalanobis distance of each region of the pose from training, shape (n_regions,).
@@ -330,9 +260,6 @@ class PosingSession(History):
 
     # --- dragging ---------------------------------------------------------------------------------
 
-    def _vertex(self, vertex):
-        return check_index(vertex, "vertex", self.neutral.n_vertices, "vertices of the face")
-
     def press(self, vertex):
         """Take hold of a vertex where it is: pressing alone changes nothing.
 
@@ -352,47 +279,25 @@ class PosingSession(History):
         ValueError
             For a vertex that does not exist or a locked pin; nothing changes.
         """
-        vertex = self._vertex(vertex)
-        self._check_unlocked(vertex)
-        self.release()
-        V, c = self.vertices, self.coefficients
-        pins = dict(self.state.pins)
-        moving = {}
-        for v, M in self._moving(vertex).items():
-            pins.setdefault(v, V[v] - self.neutral.vertices[v])
-            moving[v] = pins[v], M
-        problem = self._solver.problem(list(pins), self._weights(pins))
-        start, fixed = pins[vertex], np.array(list(pins.values()))
-        drag = _Drag(vertex, start, start, moving, problem, fixed, c, V.ravel())
-        if self.affine:
-            at = problem.vertices.index
-            drag.slope = sum(problem.slope(at(v)) @ M for v, (_, M) in moving.items())
-            D = self._solver.shown(drag.slope.T).transpose(1, 2, 0)
-            drag.D = D.reshape(-1, 3)
-        self._drag = drag
-        return D if self.affine else None
+        vertex = self._face.vertex(vertex)
+        self.state.check_unlocked(vertex)
+        with self.history.whole():
+            self.release()
+            now = self._solver, self.state, self.neutral.vertices
+            drag = Drag.begin(*now, vertex, self._moving(vertex), self.vertices)
+            self.history.live = drag
+        return drag.D
 
     def _moving(self, vertex):
-        """What a pull of this vertex moves, and the matrices that turn the pull into theirs."""
-        if not self.symmetric or self.partners[vertex] < 0:
-            return {vertex: np.eye(3)}
-        partner = int(self.partners[vertex])
-        if partner == vertex:
-            return {vertex: (np.eye(3) + MIRROR) / 2}
-        if partner in self.locked:
-            return {vertex: np.eye(3)}
-        return {vertex: np.eye(3), partner: MIRROR}
+        """What a pull of this vertex moves, see `targets`."""
+        partner = int(self.partners[vertex]) if self.symmetric else -1
+        return moving_with(vertex, -1 if partner in self.locked else partner, self._place)
 
-    def _weights(self, pins, state=None):
-        weights = (self.state if state is None else state).weights
-        return [weights.get(v, 1.0) for v in pins]
-
-    def _check_unlocked(self, vertex):
-        if vertex in self.locked:
-            raise ValueError(
-                f"vertex={vertex} is a locked pin; unlock it first: "
-                f"set_pin({vertex}, locked=False)."
-            )
+    def _place(self, vertex):
+        """Displacement that the pin of a vertex asks for, or that the vertex has, (3,)."""
+        if vertex in self.state.pins:
+            return self.state.pins[vertex]
+        return self.vertices[vertex] - self.neutral.vertices[vertex]
 
     def drag(self, vertex, target):
         """Pull a vertex towards a target; the face follows at once.
@@ -413,46 +318,39 @@ class PosingSession(History):
             For a vertex that does not exist, a locked pin, or a target that is not finite;
             nothing changes.
         """
-        target = as_finite(target, "target", (3,), remedy="give three finite coordinates").copy()
-        vertex = self._vertex(vertex)
-        if self._drag is None or self._drag.vertex != vertex:
-            self.press(vertex)
-        drag = self._drag
-        drag.asked = target
-        drag.target = self._solver.capped(
-            vertex, target - self.neutral.vertices[vertex], drag.start
-        )
-        if drag.slope is None:
-            pins = drag.targets()
-            wanted = [
-                pins.get(v, t) for v, t in zip(drag.problem.vertices, drag.fixed, strict=True)
-            ]
-            state = self.state
-            drag.c = drag.problem.solve(np.array(wanted), state.c_0, state.molded)
-            drag.x = self.vertices_of(drag.c).ravel()
-        self._tell("move")
+        vertex = self._face.vertex(vertex)
+        target = self._face.place(vertex, target)
+        with self.history.whole():
+            if not self.dragging or self.history.live.vertex != vertex:
+                self.press(vertex)
+            self.history.live = self.history.live.to(target)
+        self.history.tell("move")
 
     def release(self):
         """Let go: the pin stays where it was dragged to, and the drag becomes one step of undo.
 
         A press without a drag leaves no pin: `hold` sets one where a vertex is.
         """
-        if self._drag is None:
-            return
-        drag, self._drag = self._drag, None
-        if drag.target is drag.start:
-            return
-        before = self.state
-        self._step(pins={**self.state.pins, **drag.targets()})
-        if self.state is not before:
-            self._note("pull", vertex=drag.vertex, target=drag.asked)
-            self._tell("step")
+        drag = self.history.live
+        if drag is not None:
+            with self.history.whole():
+                self.history.live = None
+                if drag.asked is not None and self.history.make(self._pulled(drag.targets)):
+                    self.history.note("pull", vertex=drag.vertex, target=drag.asked.tolist())
 
-    def cancel(self):
-        """Give up the drag under way; the face is as it was before."""
-        if self._drag is not None:
-            self._drag = None
-            self._tell("move")
+    @edit
+    def pull(self, vertex, target):
+        """Drag a vertex to a target and let go, see `drag`: one step."""
+        vertex = self._face.vertex(vertex)
+        target = self._face.place(vertex, target)
+        self.state.check_unlocked(vertex)
+        moving = self._moving(vertex)
+        wanted = target - self.neutral.vertices[vertex]
+        wanted = self._solver.capped(vertex, wanted, moving[vertex][0])
+        return self._pulled(targets(moving, vertex, wanted))
+
+    def _pulled(self, pins):
+        return self._solved(pins={**self.state.pins, **pins})
 
     # --- pins -------------------------------------------------------------------------------------
 
@@ -460,7 +358,7 @@ class PosingSession(History):
         """Pin a vertex where it is, so that later pulls leave it there."""
         self.set_pin(vertex)
 
-    @logged
+    @edit
     def set_pin(self, vertex, target=None, weight=None, locked=None):
         """Make a pin, or move, weight, lock or unlock one.
 
@@ -471,7 +369,7 @@ class PosingSession(History):
         target : array_like of shape (3,), optional
             Millimetres; if left out, that of the pin, or where the vertex is.
         weight : float, optional
-            Of the pin in Eq. 9, more than 0; 1 unless set.
+            Of the pin in Eq. 9, 1e-6 to 1e6; 1 unless set.
         locked : bool, optional
             A locked pin is neither dragged, mirrored upon nor removed; resets take it away.
 
@@ -481,28 +379,22 @@ class PosingSession(History):
             For a vertex that does not exist, a bad target or weight, or a new target for a pin
             that is locked and stays so; nothing changes.
         """
-        vertex = self._vertex(vertex)
+        vertex, state = self._face.vertex(vertex), self.state
         if target is not None:
-            target = as_finite(target, "target", (3,), remedy="give three finite coordinates")
+            target = self._face.place(vertex, target) - self.neutral.vertices[vertex]
             if locked is not False:
-                self._check_unlocked(vertex)
+                self.state.check_unlocked(vertex)
+        weights = dict(state.weights)
         if weight is not None:
-            weight = check_number(weight, "weight", above=0)
-        self.release()
-        state = self.state
-        if target is not None:
-            pin = target - self.neutral.vertices[vertex]
-        else:
-            pin = state.pins.get(vertex, self.vertices[vertex] - self.neutral.vertices[vertex])
-        weights = {**state.weights, **({} if weight is None else {vertex: weight})}
-        kept = state.locked if locked is None else state.locked - {vertex}
-        self._step(
-            pins={**state.pins, vertex: pin},
-            weights={v: w for v, w in weights.items() if w != 1},
-            locked=kept | {vertex} if locked else kept,
-        )
+            weights[vertex] = check_weight(weight)
+        locks = state.locked
+        if locked is not None:
+            on = check_choice(locked, "locked", (True, False))
+            locks = locks | {vertex} if on else locks - {vertex}
+        pin = self._place(vertex) if target is None else target
+        return self._solved(pins={**state.pins, vertex: pin}, weights=weights, locked=locks)
 
-    @logged
+    @edit
     def remove_pin(self, vertex):
         """Take a pin away; the others keep holding.
 
@@ -511,27 +403,12 @@ class PosingSession(History):
         ValueError
             If the vertex is not pinned, or locked.
         """
-        vertex = self._vertex(vertex)
-        self._check_pinned(vertex)
-        self._check_unlocked(vertex)
-        self.release()
-        self._step(**self._without({vertex}))
+        vertex = self._face.vertex(vertex)
+        self.state.check_pinned(vertex)
+        self.state.check_unlocked(vertex)
+        return self._solved(**self.state.without({vertex}))
 
-    def _check_pinned(self, vertex):
-        if vertex not in self.pins:
-            known = ", ".join(map(str, self.pins)) or "none"
-            raise ValueError(f"vertex={vertex} is not pinned; pinned are: {known}.")
-
-    def _without(self, gone):
-        """Pins, weights and locks of the state without those of some vertices."""
-        state = self.state
-        return dict(
-            pins={v: t for v, t in state.pins.items() if v not in gone},
-            weights={v: w for v, w in state.weights.items() if v not in gone},
-            locked=state.locked - set(gone),
-        )
-
-    @logged
+    @edit
     def mirror_pin(self, vertex):
         """Put the mirrored pin, its weight too, on the vertex's partner.
 
@@ -540,64 +417,38 @@ class PosingSession(History):
         ValueError
             If the vertex is not pinned, or has no partner on the other side, or a locked one.
         """
-        vertex = self._vertex(vertex)
-        self._check_pinned(vertex)
+        vertex = self._face.vertex(vertex)
+        self.state.check_pinned(vertex)
         partner = int(self.partners[vertex])
         if partner in (-1, vertex):
             raise ValueError(f"vertex={vertex} has no partner on the other side of the face.")
-        self._check_unlocked(partner)
-        self.release()
+        self.state.check_unlocked(partner)
         state = self.state
-        weights = {v: w for v, w in state.weights.items() if v != partner}
-        if vertex in weights:
-            weights[partner] = weights[vertex]
-        self._step(pins={**state.pins, partner: MIRROR @ state.pins[vertex]}, weights=weights)
+        weights = {**state.weights, partner: state.weights.get(vertex, 1)}
+        pins = {**state.pins, partner: MIRROR @ state.pins[vertex]}
+        return self._solved(pins=pins, weights=weights)
 
     # --- edits ------------------------------------------------------------------------------------
 
     @property
     def _solver(self):
-        return self._solver_for(self.state)
+        return self._face.solver(self.state)
 
-    def _solver_for(self, state):
-        key = state.model, state.beta, state.gamma, state.limit
-        if key not in self._solvers:
-            while len(self._solvers) >= _SOLVERS_KEPT:
-                del self._solvers[next(iter(self._solvers))]
-            self._solvers[key] = self._new_solver(state)
-        return self._solvers[key]
+    def _solved(self, **changes):
+        """The present state with some changes, solved for."""
+        return self._face.solved(self.state, **changes)
 
-    def _new_solver(self, state):
-        model = state.model
-        bound = self.binding is not None and model.n_vertices == len(self.binding.samples)
-        binding, mesh = (self.binding, None) if bound else (None, self.neutral)
-        limit = state.limit if model.bounds is None else None
-        return PoseSolver(model, state.beta, state.gamma, self.shared_pins, mesh, binding, limit)
-
-    def _step(self, **changes):
-        """Solve for the changed state and make it the present one; a change of nothing is none."""
-        state = replace(self.state, **changes)
-        problem = self._solver_for(state).problem(
-            list(state.pins), self._weights(state.pins, state)
-        )
-        targets = np.array(list(state.pins.values()), dtype=float).reshape(-1, 3)
-        self._push(replace(state, coefficients=problem.solve(targets, state.c_0, state.molded)))
-
-    @logged
+    @edit
     def keep(self):
         """Make the present pose the state that pins start from, and take all pins away."""
-        self.release()
-        c = self.state.coefficients
-        self._step(**_NO_PINS, c_0=c, molded=np.zeros_like(c))
+        return self._solved(**self.state.bare(self.state.coefficients))
 
-    @logged
+    @edit
     def reset(self):
         """Back to the neutral face without pins; beta, gamma and limit stay."""
-        self.release()
-        rest = np.zeros_like(self.state.c_0)
-        self._step(**_NO_PINS, c_0=rest, molded=rest)
+        return self._solved(**self.state.bare(np.zeros_like(self.state.c_0)))
 
-    @logged
+    @edit
     def reset_region(self, region):
         """One region back to neutral, its pins taken away; pins of other regions keep holding.
 
@@ -608,17 +459,13 @@ class PosingSession(History):
         ValueError
             For a region that does not exist.
         """
-        s = self._solver.slice_of(region)
-        self.release()
-        if self.regions is None:
-            self.reset()
-            return
+        s, labels = self._solver.slice_of(region), self.region_labels
         c_0, molded = self.state.c_0.copy(), self.state.molded.copy()
         c_0[s] = molded[s] = 0
-        inside = {v for v in self.state.pins if self.region_labels[v] == region}
-        self._step(**self._without(inside), c_0=c_0, molded=molded)
+        inside = {v for v in self.state.pins if labels is None or labels[v] == region}
+        return self._solved(**self.state.without(inside), c_0=c_0, molded=molded)
 
-    @logged
+    @edit(over=())
     def set(self, beta=None, gamma=None, limit=_AS_IT_IS):
         """Change beta, gamma or the limit; the pins are solved for anew.
 
@@ -631,22 +478,21 @@ class PosingSession(History):
         Raises
         ------
         ValueError
-            For a beta below 0, a gamma or limit not above 0, or a limit where the model knows no
-            standard deviations; nothing changes.
+            For one outside its range (see `PoseSolver`), beta and gamma too far apart, or a limit
+            where the model knows no standard deviations; nothing changes.
         """
-        state = self.state
-        changed = replace(
-            state,
-            beta=state.beta if beta is None else check_number(beta, "beta", low=0),
-            gamma=state.gamma if gamma is None else check_number(gamma, "gamma", above=0),
-            limit=state.limit if limit is _AS_IT_IS else check_limit(limit, state.model),
-        )
-        self._solver_for(changed)  # refuses what it cannot use
-        self.release()
-        if not changed.same(state):
-            self._step(beta=changed.beta, gamma=changed.gamma, limit=changed.limit)
+        changes, state = {}, self.state
+        if beta is not None:
+            changes["beta"] = check_beta(beta)
+        if gamma is not None:
+            changes["gamma"] = check_gamma(gamma)
+        if limit is not _AS_IT_IS:
+            changes["limit"] = check_limit(limit, state.model)
+        if all(getattr(state, name) == value for name, value in changes.items()):
+            return state
+        return self._solved(**changes)
 
-    @logged
+    @edit(over=())
     def apply(self, coefficients):
         """Pose with these coefficients, counted from the neutral; pins are taken away.
 
@@ -656,13 +502,13 @@ class PosingSession(History):
             Of a rig: weights, 0 to 1.
         """
         c = as_finite(coefficients, "coefficients", (self._solver.n_coefficients,))
-        self._solver.check(c)
-        self.release()
-        c = c.copy()
-        state = replace(self.state, **_NO_PINS, c_0=c, molded=np.zeros_like(c))
-        self._push(replace(state, coefficients=c))
+        return self._applied(c)
 
-    @logged
+    def _applied(self, c):
+        self._solver.check(c)
+        return replace(self.state, **self.state.bare(c), coefficients=c)
+
+    @edit(state=(state_to_dict, state_from_dict))
     def restore(self, state):
         """Go back to a `PoseState` of this face: pose, pins, weights of Eq. 9 and model.
 
@@ -671,25 +517,10 @@ class PosingSession(History):
         ValueError, TypeError
             If it is none, of another face, or one that its model cannot have; nothing changes.
         """
-        if not isinstance(state, PoseState):
-            raise TypeError(f"state is a {type(state).__name__}; give a PoseState (session.state).")
-        self._check_model(state.model)
-        check_number(state.beta, "beta", low=0)
-        solver = self._solver_for(state)  # refuses what it cannot use
-        for v, target in state.pins.items():
-            as_finite(target, f"displacement of pin {self._vertex(v)}", (3,))
-        for v, weight in state.weights.items():
-            check_number(weight, f"weight of pin {v}", above=0)
-        unpinned = (state.locked | state.weights.keys()) - state.pins.keys()
-        if unpinned:
-            raise ValueError(f"state locks or weights {sorted(unpinned)}, which it does not pin.")
-        for name in ("c_0", "molded", "coefficients"):
-            as_finite(getattr(state, name), name, (solver.n_coefficients,))
-        solver.check(state.coefficients)
-        self.release()
-        self._push(state)
+        self._face.check_state(state)
+        return state
 
-    @logged
+    @edit
     def mirror(self):
         """The whole pose, left for right, as well as the model can; pins are taken away.
 
@@ -698,17 +529,10 @@ class PosingSession(History):
         ValueError
             If the mirror map leaves vertices without a partner.
         """
-        alone = np.flatnonzero(self.partners < 0)
-        if alone.size:
-            raise ValueError(
-                f"{alone.size} vertices have no mirrored partner, the first {alone[0]}; give "
-                "partners=mirror_partners(neutral, tolerance) with a larger tolerance."
-            )
-        self.release()
-        x = self.vertices - self.neutral.vertices
-        self.apply(self._solver.encode((x[self.partners] @ MIRROR)[None])[0])
+        x = self._face.mirrored(self.vertices - self.neutral.vertices)
+        return self._applied(self._solver.encode(x[None])[0])
 
-    @logged
+    @edit(model=(fingerprint, find_model))
     def use(self, model):
         """Pose with another model of the same face, under the same pins.
 
@@ -719,21 +543,15 @@ class PosingSession(History):
         ValueError
             If the model is of another face; nothing changes.
         """
-        self._check_model(model)
-        state = self.state
-        n = model.n_coefficients
-        new = self._solver_for(replace(state, model=model, c_0=np.zeros(n)))
-        self.release()
+        self._face.check_model(model)
         if model is self.model:
-            return
-        state = self.state
-        bare = self._solver.problem([]).solve(np.zeros((0, 3)), state.c_0, state.molded)
-        c_0 = new.encode(self._solver.shown(bare))[0]
-        self._step(model=model, c_0=c_0, molded=np.zeros(n))
+            return self.state
+        c_0 = self._face.carried_over(self.state, model)
+        return self._solved(model=model, c_0=c_0, molded=np.zeros_like(c_0))
 
     # --- molding ----------------------------------------------------------------------------------
 
-    @logged
+    @edit(over=("region", "component"))
     def mold(self, region, component, value):
         """Set a component of a region in the state that the pose holds to, c_0.
 
@@ -759,10 +577,9 @@ class PosingSession(History):
         s = solver.slice_of(region)
         k = s.start + check_index(component, "component", s.stop - s.start, "components")
         value = check_number(value, "value", *solver.mold_bounds)
-        self.release()
         molded = self.state.molded.copy()
         molded[k] = value * solver.deviations[k] - self.state.c_0[k]
-        self._step(molded=molded)
+        return self._solved(molded=molded)
 
     def mold_values(self, region):
         """Where the sliders of a region stand, in the unit of `mold`: shape (P_i,)."""
@@ -803,17 +620,3 @@ class PosingSession(History):
         Weights of a rig are kept within 0 and 1.
         """
         return self._solver.clipped(np.asarray(track) + self.coefficients)
-
-    def _memory(self):
-        return super()._memory(), self._symmetric
-
-    def _recall(self, memory):
-        steps, self._symmetric = memory
-        super()._recall(steps)
-
-    def _plain(self, value):
-        if isinstance(value, PoseState):
-            return state_to_dict(value)
-        if isinstance(value, FaceModel):
-            return fingerprint(value)
-        return super()._plain(value)

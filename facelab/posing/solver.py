@@ -10,13 +10,23 @@ targets of the pins do not change; `problem.solve(targets, c_0, molded)` then gi
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_solve
+from scipy.linalg.lapack import dpocon, dpotrf
 
 from facelab.checks import check_choice, check_index, check_number, check_type
 from facelab.face_model import FaceModel
 from facelab.motion import MotionSequence, WeightSequence
 from facelab.numeric.least_squares import solve_bounded
 from facelab.numeric.threads import one_thread
+from facelab.posing.ranges import (
+    BETA,
+    CONDITION,
+    GAMMA,
+    LIMITS,
+    check_beta,
+    check_gamma,
+    check_size,
+)
 
 REFERENCE_VERTICES = 397
 """Mesh density at which beta and gamma have the values of the paper."""
@@ -59,9 +69,9 @@ class PoseSolver:
         Fitted. Any linear basis will do; it need not be orthonormal. Where its coefficients have
         bounds, as the weights of a rig, Eq. 9 is a quadratic programme within them.
     beta : float, default=0.5
-        β: weight of the agreement of regions on shared vertices, 0 or more.
+        β: weight of the agreement of regions on shared vertices, 0 to 1e6.
     gamma : float, default=0.025
-        γ: weight of staying near the state before the pins, more than 0.
+        γ: weight of staying near the state before the pins, 1e-9 to 1e9.
     shared_pins : {"blended", "copies"}
         What a pin on a vertex of m regions holds. "copies" is Eq. 9 to the letter: each region's
         copy of the vertex is drawn to the target, which also draws the copies together, so that
@@ -77,9 +87,9 @@ class PoseSolver:
         that face: their rows of Eq. 9 are those of the control vertices, mixed as the binding
         mixes them, so that the very vertex is held.
     limit : float, optional
-        Standard deviations, as learned in training, beyond which a coefficient is drawn back
-        (`STIFFNESS`); without it the model extrapolates. The pose is then not affine in the
-        targets any more.
+        Standard deviations, 0.01 to 1,000, as learned in training, beyond which a coefficient is
+        drawn back (`STIFFNESS`); without it the model extrapolates. The pose is then not affine in
+        the targets any more.
 
     Raises
     ------
@@ -98,8 +108,8 @@ class PoseSolver:
     def __init__(
         self,
         model,
-        beta=0.5,
-        gamma=0.025,
+        beta=BETA,
+        gamma=GAMMA,
         shared_pins="blended",
         mesh=None,
         binding=None,
@@ -113,8 +123,7 @@ class PoseSolver:
         self.slices = model.slices
         self.binding = binding
         self.shared_pins = check_choice(shared_pins, "shared_pins", ("blended", "copies"))
-        self.beta = check_number(beta, "beta", low=0)
-        self.gamma = check_number(gamma, "gamma", above=0)
+        self.beta, self.gamma = check_beta(beta), check_gamma(gamma)
         self.limit = check_limit(limit, model)
         regions = model.regions
         samples = None if regions is None else regions.samples
@@ -288,7 +297,8 @@ class PoseSolver:
         return self.model.component_names(region)
 
     def check(self, coefficients):
-        """Refuse coefficients outside the bounds."""
+        """Refuse coefficients outside the bounds, or larger than any face can have."""
+        check_size(coefficients)
         low, high = coefficients.min(), coefficients.max()
         if self.bounds is not None and (low < self.bounds[0] or high > self.bounds[1]):
             raise ValueError(
@@ -371,11 +381,27 @@ class _Problem:
         rows = [np.sqrt(w) * J for (J, _), w in zip(pins, weights, strict=True)]
         J = np.concatenate([np.zeros((0, P)), *rows])
         self._seen = np.concatenate([np.zeros((0, P)), *map(solver.seen, self.vertices)])
-        self._settle(solver.at_rest + J.T @ J)
+        self._A = solver.at_rest + J.T @ J
+        with one_thread():
+            self._factor = self._factored(weights)
+            self._settle()
 
-    def _settle(self, A):
-        """Make ready to solve with the matrix of Eq. 10, shape (P, P)."""
-        raise NotImplementedError
+    def _factored(self, weights):
+        """Cholesky factor (upper) of the matrix of Eq. 10, refused where digits would get lost."""
+        factor, failed = dpotrf(self._A)
+        share = 0 if failed else dpocon(factor, np.abs(self._A).sum(axis=0).max())[0]
+        if not share * CONDITION >= 1:
+            solver = self.solver
+            pins = f" and weights from {min(weights):g} to {max(weights):g}" * bool(len(weights))
+            raise ValueError(
+                f"beta={solver.beta:g}, gamma={solver.gamma:g}{pins} lie too far apart: the "
+                f"condition number of Eq. 10 is {1 / max(share, 1e-16):.0e}, and beyond "
+                f"{CONDITION:.0e} rounding takes over; bring them nearer together."
+            )
+        return factor, False
+
+    def _settle(self):
+        """Make ready to solve."""
 
     def _right(self, targets, c_0, molded):
         off = np.ravel(targets) - self._seen @ c_0
@@ -398,10 +424,6 @@ class _Problem:
 
 class _Affine(_Problem):
     """Solved by one factor, found when the pins are set."""
-
-    def _settle(self, A):
-        with one_thread():
-            self._factor = cho_factor(A, overwrite_a=True, check_finite=False)
 
     def solve(self, targets, c_0, molded):
         """As `_Problem.solve`."""
@@ -426,11 +448,9 @@ class _Limited(_Problem):
     inverse of the matrix without them, found once, leaves a small system (Woodbury).
     """
 
-    def _settle(self, A):
-        self._A, self._last = A, None
-        with one_thread():
-            factor = cho_factor(A, check_finite=False)
-            self._inverse = cho_solve(factor, np.eye(len(A)), check_finite=False)
+    def _settle(self):
+        self._last = None
+        self._inverse = cho_solve(self._factor, np.eye(len(self._A)), check_finite=False)
 
     def solve(self, targets, c_0, molded):
         """As `_Problem.solve`."""
@@ -466,9 +486,9 @@ class _Limited(_Problem):
 class _Bounded(_Problem):
     """Within the bounds of the coefficients; each solve starts from the bounds of the last."""
 
-    def _settle(self, A):
-        self._A, self._at = A, None
-        self._ends = [np.full(len(A), end) for end in self.solver.bounds]
+    def _settle(self):
+        self._at = None
+        self._ends = [np.full(len(self._A), end) for end in self.solver.bounds]
 
     def solve(self, targets, c_0, molded):
         """As `_Problem.solve`."""
@@ -481,7 +501,7 @@ def check_limit(limit, model):
     """The limit as a number or None, refused where the model has no use for one."""
     if limit is None:
         return None
-    limit = check_number(limit, "limit", above=0)
+    limit = check_number(limit, "limit", *LIMITS)
     why = None
     if model.bounds is not None:
         why = "the coefficients of this model stay within {:g} and {:g} anyway".format(

@@ -10,9 +10,11 @@ from facelab.posing.fingerprint import differs, fingerprint
 
 
 def frozen_copy(array):
-    """A copy as float64 that cannot be written to."""
-    array = np.array(array, dtype=float)
-    array.flags.writeable = False
+    """A copy as float64 that cannot be written to; the array itself if that is so already."""
+    own = isinstance(array, np.ndarray) and array.dtype == float and array.base is None
+    if not own or array.flags.writeable:
+        array = np.array(array, dtype=float)
+        array.flags.writeable = False
     return array
 
 
@@ -55,11 +57,42 @@ class PoseState:
 
     def __post_init__(self):
         pins = {v: frozen_copy(t) for v, t in self.pins.items()}
-        values = {"pins": MappingProxyType(pins), "weights": MappingProxyType(dict(self.weights))}
+        weights = {v: w for v, w in self.weights.items() if w != 1}
+        values = {"pins": MappingProxyType(pins), "weights": MappingProxyType(weights)}
         for name in ("c_0", "coefficients", "molded"):
             values[name] = frozen_copy(getattr(self, name))
         for name, value in values.items():
             object.__setattr__(self, name, value)
+
+    def weights_of(self, vertices):
+        """Weights of pins, 1 where none was set: list of float."""
+        return [self.weights.get(v, 1.0) for v in vertices]
+
+    def check_pinned(self, vertex):
+        """Refuse a vertex without a pin."""
+        if vertex not in self.pins:
+            known = ", ".join(map(str, self.pins)) or "none"
+            raise ValueError(f"vertex={vertex} is not pinned; pinned are: {known}.")
+
+    def check_unlocked(self, vertex):
+        """Refuse a locked pin."""
+        if vertex in self.locked:
+            raise ValueError(
+                f"vertex={vertex} is a locked pin; unlock it first: "
+                f"set_pin({vertex}, locked=False)."
+            )
+
+    def without(self, gone):
+        """What changes when some pins go, with their weights and locks: dict."""
+        return {
+            "pins": {v: t for v, t in self.pins.items() if v not in gone},
+            "weights": {v: w for v, w in self.weights.items() if v not in gone},
+            "locked": self.locked.difference(gone),
+        }
+
+    def bare(self, c_0):
+        """What changes when all pins go and the pose starts from c_0: dict."""
+        return {**self.without(self.pins.keys()), "c_0": c_0, "molded": np.zeros_like(c_0)}
 
     def same(self, other):
         """Whether nothing at all differs."""
@@ -105,8 +138,7 @@ def state_from_dict(stored, session, models=()):
     for pin in stored["pins"]:
         v = check_index(pin["vertex"], "vertex", n, "vertices of the face")
         pins[v] = as_finite(pin["displacement"], f"displacement of pin {v}", (3,))
-        weight = check_number(pin["weight"], f"weight of pin {v}", above=0)
-        weights |= {} if weight == 1 else {v: weight}
+        weights[v] = check_number(pin["weight"], f"weight of pin {v}", above=0)
         locked |= {v} if pin["locked"] else set()
     P = model.n_coefficients
     arrays = {x: as_finite(stored[x], x, (P,)) for x in ("c_0", "molded", "coefficients")}

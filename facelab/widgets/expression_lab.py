@@ -434,7 +434,7 @@ class ExpressionLab(Page):
         if what == "weight":
             session.lock(name, weight)
         elif self._state_of(name) == {"lock": "locked", "exclude": "excluded"}[what]:
-            session.release(name)
+            session.free(name)
         elif what == "lock":
             session.lock(name)
             session.settle()
@@ -451,7 +451,7 @@ class ExpressionLab(Page):
         if button is self.best:
             session.set(alpha="best")
         elif button is self.free:
-            session.release()
+            session.free()
         else:
             back = button is self.undo
             session.undo() if back else session.redo()

@@ -162,7 +162,7 @@ class PosingLab(Page):
         self.tabs = widgets.Tab([p.widget for p in panels.values()], titles=tuple(panels))
         self._width = f"{self.size[0]}px"
         self._build_messages()
-        self.keys = Keys(self._reactions(), self.session.seal)
+        self.keys = Keys(self._reactions(), self.session.settle)
         self._captions = widgets.HTML(), widgets.HTML()
         self._faces = widgets.HBox(
             [widgets.VBox([self._captions[0], self.view.widget])],

@@ -89,7 +89,7 @@ def test_alpha_and_locks_move_face_and_bars_and_undo_brings_them_back(page_lab):
 
 def test_another_sketch_is_loaded_pulled_and_a_bad_one_refused_in_the_page(page_lab):
     lab, page = page_lab, page_lab.page
-    lab.run("session.release(); session.set(alpha='best'); lab.refresh()")
+    lab.run("session.free(); session.set(alpha='best'); lab.refresh()")
     sources = page.locator(".jp-OutputArea select").first
     sources.select_option("second")
     lab.settle()

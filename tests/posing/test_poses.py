@@ -270,7 +270,7 @@ def all_edits(session, other):
     for value in (0.2, 0.4):
         with session.group("slider"):
             session.mold(2, 1, value)
-    session.seal()
+    session.settle()
     with session.group():
         pull(session, 25, [0.0, 1, 0])
         session.set(beta=1.0)

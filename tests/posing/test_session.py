@@ -12,17 +12,13 @@ from sklearn.decomposition import PCA
 
 from facelab.geometry.binding import bind
 from facelab.geometry.mesh import TriangleMesh
+from facelab.geometry.symmetry import mirror_partners
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.motion import MotionSequence
-from facelab.posing.session import (
-    REFERENCE_VERTICES,
-    STIFFNESS,
-    PoseSolver,
-    PoseState,
-    PosingSession,
-    mirror_partners,
-)
+from facelab.posing.session import PosingSession
+from facelab.posing.solver import REFERENCE_VERTICES, STIFFNESS, PoseSolver
+from facelab.posing.state import PoseState
 from facelab.rig import BlendshapeRig
 from facelab.segmentation.regions import Regions
 
@@ -85,9 +81,11 @@ def story(session):
         session.vertices.copy(),
         {v: t.copy() for v, t in session.pins.items()},
         session.state,
-        len(session._past),
-        list(session._future),
-        session._drag is not None,
+        session.history.states,
+        session.n_undo,
+        session.dragging,
+        session.symmetric,
+        session.log,
     )
 
 
@@ -330,8 +328,8 @@ def test_a_drag_along_a_path_shows_what_solving_anew_gives(rng, session, regions
         session.drag(v, start + step)
         shown = session.vertices
         anew = PosingSession(session.model, regions.mesh)
-        anew._past = [session.state]
-        anew._step(pins={**session.state.pins, v: start + step - regions.mesh.vertices[v]})
+        anew.restore(session.state)
+        anew.set_pin(v, start + step)
         np.testing.assert_allclose(shown, anew.vertices, atol=1e-9)
     session.release()
     np.testing.assert_allclose(session.vertices, shown, atol=1e-9)
@@ -409,7 +407,7 @@ def test_pressing_another_vertex_lets_go_of_the_first(session, regions):
     session.drag(20, regions.mesh.vertices[20] + [0.0, 1, 0])
     session.release()
     assert set(session.pins) == {3, 20}
-    assert len(session._past) == 3
+    assert session.n_undo == 2
 
 
 def test_a_drag_shows_in_the_pins_and_not_in_the_state(session, regions):
@@ -477,9 +475,9 @@ def test_undo_and_redo_walk_through_every_edit_to_the_bit(rng, session, regions)
 
 
 def test_every_edit_is_one_step(rng, session, regions):
-    for count, edit in enumerate(edits(rng, regions).values(), start=2):
+    for count, edit in enumerate(edits(rng, regions).values(), start=1):
         edit(session)
-        assert len(session._past) == count
+        assert session.n_undo == count
 
 
 def test_a_new_edit_clears_what_was_undone(session):
@@ -1056,7 +1054,7 @@ def test_a_symmetric_drag_shows_at_once_what_it_ends_in(twin, rng):
     np.testing.assert_allclose(shown, before + D @ [2.0, -1, 1], atol=1e-9)
     twin.release()
     np.testing.assert_allclose(twin.vertices, shown, atol=1e-9)
-    assert len(twin._past) == 4
+    assert twin.n_undo == 3
     twin.undo()
     np.testing.assert_allclose(twin.vertices, before, atol=1e-9)
 
@@ -1481,7 +1479,7 @@ def test_groups_of_one_key_are_one_step_until_something_comes_between(session):
         with session.group("slider"):
             session.mold(0, 0, value)
     assert session.n_undo == 1
-    session.seal()
+    session.settle()
     with session.group("slider"):
         session.mold(0, 0, 0.4)
     assert session.n_undo == 2
