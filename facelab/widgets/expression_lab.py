@@ -396,7 +396,7 @@ class ExpressionLab(Page):
     # --- controls ---------------------------------------------------------------------------------
 
     def _choose_alpha(self, place):
-        if not self._settling:
+        if not self.settling:
             self._set(alpha=float(ALPHAS[place]))
 
     @_own
@@ -410,12 +410,12 @@ class ExpressionLab(Page):
     @_own
     def _slide(self, change):
         # the page rounds a value to its slider's grid and sends it back: that is no edit
-        if not self._settling and abs(np.log10(change["new"] / self._lam_shown())) > 0.02:
+        if not self.settling and abs(np.log10(change["new"] / self._lam_shown())) > 0.02:
             self._set(lam=change["new"])
 
     @_own
     def _choose(self, _):
-        if not self._settling:
+        if not self.settling:
             self.session.set(
                 bounds=self.bounds.value,
                 criterion=self.criterion.value,
@@ -471,7 +471,7 @@ class ExpressionLab(Page):
 
     @_own
     def _choose_source(self, change):
-        if self._settling or change["new"] not in self.sketches:
+        if self.settling or change["new"] not in self.sketches:
             return
         source = self.sketches[change["new"]]
         if isinstance(source, MotionSequence):
@@ -482,7 +482,7 @@ class ExpressionLab(Page):
 
     @_own
     def _choose_frame(self, change):
-        if not self._settling:
+        if not self.settling:
             self._load_frame(self.source.value, change["new"], live=True)
             self.sketch_view.show(self.session.sketch)
             self._show_answer()

@@ -51,11 +51,11 @@ def shows_errors(method):
 @contextmanager
 def quiet(page):
     """Within, what is set on sliders and buttons is no edit of the person."""
-    before, page._settling = page._settling, True
+    before, page.settling = page.settling, True
     try:
         yield
     finally:
-        page._settling = before
+        page.settling = before
 
 
 class Page:
@@ -66,7 +66,7 @@ class Page:
     """
 
     _after_error = "The face is as it was."
-    _settling = False
+    settling = False
     _width = None
 
     def _build_messages(self):

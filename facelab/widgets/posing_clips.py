@@ -166,7 +166,7 @@ class ClipPanel(Panel):
 
     @shows_errors
     def _scrub(self, _):
-        if self._settling:
+        if self.settling:
             return
         self._coefficients()  # what is wrong is said before anything is shown
         self.frame = lambda: self.session.vertices_of(self._coefficients())
@@ -180,14 +180,14 @@ class ClipPanel(Panel):
 
     @shows_errors
     def _choose(self, _):
-        if not self._settling:
+        if not self.settling:
             self._leave()
             self._fit()
             self.refresh()
 
     @shows_errors
     def _ease(self, change):
-        if self.clip is not None and not self._settling:
+        if self.clip is not None and not self.settling:
             clip = Clip(self.clip.times, self.clip.poses, change["new"], self.clip.names)
             self.set_clip(clip, self.model)
 

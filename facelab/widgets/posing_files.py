@@ -96,7 +96,7 @@ class StripPanel(Panel):
 
     @shows_errors
     def _blend(self, change):
-        if self._settling:
+        if self.settling:
             return
         if not self.poses:
             raise ValueError("the strip is empty; add the poses to blend first.")

@@ -425,12 +425,12 @@ class PosingLab(Page):
 
     @shows_errors
     def _choose_model(self, change):
-        if not self._settling:
+        if not self.settling:
             self.session.use(self.models[change["new"]])
 
     @shows_errors
     def _choose_beside(self, _):
-        if not self._settling:
+        if not self.settling:
             self.refresh()
 
     @shows_errors

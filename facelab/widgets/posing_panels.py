@@ -36,7 +36,7 @@ class Panel:
     """Part of a lab: its `widget`, and `refresh` to show the session as it is."""
 
     def __init__(self, lab):
-        self.lab, self._settling = lab, False
+        self.lab, self.settling = lab, False
         self._build()
 
     @property
@@ -114,7 +114,7 @@ class PosePanel(Panel):
 
     @shows_errors
     def _slide(self, change):
-        if not self._settling:
+        if not self.settling:
             name = "beta" if change["owner"] is self.beta else "gamma"
             with self.session.group(name):
                 self.session.set(**{name: change["new"]})
@@ -123,7 +123,7 @@ class PosePanel(Panel):
     def _switch(self, change):
         for view in self.lab.views:
             view.along_normal = self.along.value
-        if self._settling:
+        if self.settling:
             return
         if change["owner"] is self.symmetric:
             self.session.symmetric = change["new"]
@@ -210,13 +210,13 @@ class ShapePanel(Panel):
     def _slide(self, k, change):
         # the page rounds a value to its slider's grid and sends it back: that is no edit
         rounded = abs(change["new"] - self.session.mold_values(self.region)[k]) <= 0.026
-        if not self._settling and not rounded:
+        if not self.settling and not rounded:
             with self.session.group(f"mold {self.region} {k}"):
                 self.session.mold(self.region, k, change["new"])
 
     @shows_errors
     def _relax(self, change):
-        if self._settling:
+        if self.settling:
             return
         if change["new"]:
             self._before = {"beta": self.session.beta, "gamma": self.session.gamma}

@@ -322,7 +322,7 @@ def test_controls_still_edit_after_an_error_while_they_were_set(lab, monkeypatch
         with pytest.raises(ValueError, match="mishap"):
             lab.refresh()
         monkeypatch.undo()
-        assert not lab._settling
+        assert not lab.settling
 
 
 def test_an_uploaded_file_is_known_by_its_name_alone(lab, rig, tmp_path):
