@@ -101,7 +101,14 @@ class Lab:
         self.browser = _playwright().chromium.launch(executable_path=find(), args=FLAGS)
         self.page = self.browser.new_page(viewport={"width": 1400, "height": 1000})
         self.page.set_default_timeout(1000 * PATIENCE)
+        self.errors = []  # what the page complains of, for the message of a test that fails
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", self._note)
         self.client = None
+
+    def _note(self, message):
+        if message.type == "error":
+            self.errors.append(message.text)
 
     def _get(self, path):
         try:
@@ -116,7 +123,8 @@ class Lab:
         end = time.time() + seconds
         while not (result := done()):
             if time.time() > end or self.server.poll() is not None:
-                raise TimeoutError(f"{complaint}; server log: {self.folder / 'server.log'}")
+                log = self.folder / "server.log"
+                raise TimeoutError(f"{complaint}; server log: {log}; page: {self.errors}")
             time.sleep(0.1)
         return result
 
@@ -169,7 +177,7 @@ class Lab:
             return True
 
         self._wait(answers, seconds, "the kernel does not answer")
-        self._calls = 0
+        self._calls, self._echoes = 0, False
 
     def bring_into_view(self):
         """Scroll to the first canvas and wait until nothing moves it any more."""
@@ -205,21 +213,21 @@ class Lab:
         widget of the page keeps changes back until the kernel has dealt with its last one: those
         are heard by the second call. What the kernel answers to them is drawn by the third.
         """
-        if not self._calls:
-            self.run(ECHO)
         for _ in range(3):
             self._calls += 1
             self._wait(self._called, PATIENCE, "the page does not answer")
 
     def _called(self):
-        """Call the page; again, when it does not answer: at first it may not know the echo yet."""
+        """Call the page, once; a page that is still loading may not get to know its first echo."""
+        if not self._echoes:
+            self.run(ECHO)
         self.run(f"_echo.send({{'call': {self._calls}}})")
-        end = time.time() + 2
-        while self.run("", heard="_echo.heard")["heard"] < self._calls:
-            if time.time() > end:
-                return False
-            time.sleep(0.01)
-        return True
+        for pause in (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28, 2.56):  # asking costs too
+            time.sleep(pause)
+            self._echoes = self.run("", heard="_echo.heard")["heard"] >= self._calls
+            if self._echoes:
+                return True
+        return False
 
     def close(self):
         """End browser, kernel and server."""
