@@ -150,6 +150,9 @@ class TextTable:
         for number, line, ended in self._lines:
             if line and not line.isspace():
                 self.ended = ended
+                if "," in line and self.delimiter != ",":
+                    pointed = line.replace(",", ".")  # decimal commas
+                    line = pointed if plain.fullmatch(pointed) else line
                 yield number, self.cells(number, line), bool(plain.fullmatch(line))
 
     def cells(self, number, line):

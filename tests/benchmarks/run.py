@@ -13,6 +13,7 @@ NAMES = (
     "regression",
     "rig_drag",
     "segmentation",
+    "takes",
     "training",
     "transfer",
 )
