@@ -9,6 +9,7 @@ NAMES = (
     "generalisation",
     "latency",
     "locality",
+    "readers",
     "registration",
     "regression",
     "rig_drag",

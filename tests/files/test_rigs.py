@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mutants import tally
 from shapes import sphere_mesh
 
 from facelab.files import read_mesh, read_rig, write_glb, write_obj, write_rig
@@ -282,3 +283,15 @@ def test_the_generic_face_is_read_from_its_folder(ict_root, tmp_path, real_rig):
     np.testing.assert_allclose(rig.neutral.vertices[at], real_rig.neutral.vertices, atol=1e-3)
     jaw = real_rig.deltas[real_rig.names.index("jawOpen")]
     np.testing.assert_allclose(rig.deltas[0, at], jaw, atol=0.02)
+
+
+@pytest.mark.parametrize("name", ["avatar", "avatar_quantised", "avatar_sparse"])
+def test_mutants_of_a_rig_are_refused_in_our_words_or_make_a_rig(tmp_path, rng, name):
+    def contradicts(rig, data, said):
+        found = np.isfinite(rig.deltas).all() and np.isfinite(rig.neutral.vertices).all()
+        fits = len(rig.names) == len(rig.deltas) and rig.source.index.max() < rig.deltas.shape[1]
+        return "" if found and fits else "no rig"
+
+    data = (FIXTURES / f"{name}.glb").read_bytes()
+    found = tally(read_rig, data, "a.glb", tmp_path, 100, rng, contradicts)
+    assert not found.wrong and not found.python, found
