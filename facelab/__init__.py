@@ -47,6 +47,7 @@ from facelab.files import read_markers, read_mesh, read_rig, read_weights
 from facelab.geometry import TriangleMesh, bind
 from facelab.models import HolisticModel, RegionModel, rms_error
 from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
+from facelab.pipeline import model_from_take
 from facelab.posing import PosingSession
 from facelab.registration import fit_markers, fit_scan, register_sequence
 from facelab.rig import BlendshapeRig
@@ -77,6 +78,7 @@ __all__ = [
     "load_registered",
     "load_take",
     "load_template",
+    "model_from_take",
     "models",
     "numeric",
     "posing",
