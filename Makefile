@@ -93,7 +93,7 @@ test-long: env
 	$(BIN)/python -m pytest tests --ignore tests/browser -m long
 
 # As on a machine without data and network, with nothing made before.
-BARE := env -u FACELAB_ICT -u FACELAB_CAPTURES FACELAB_OFFLINE=1
+BARE := env -u FACELAB_ICT -u FACELAB_CAPTURES -u FACELAB_ANIMFACE FACELAB_OFFLINE=1
 BARE_NOTEBOOKS := notebooks/05_posing.ipynb notebooks/07_sketch_to_action_units.ipynb
 
 test-bare: env browser
