@@ -12,6 +12,7 @@ from facelab.data.actors import load_template
 from facelab.data.cache import DataUnavailable
 from facelab.data.examples import load_example, synthetic_props
 from facelab.data.ict import load_ict_facekit, load_ict_props
+from facelab.data.markers import MARKERS, load_markers
 from facelab.data.takes import TAKES, load_take
 from facelab.geometry.mesh import MULTI_PIE
 from facelab.storage import load_npz
@@ -26,9 +27,8 @@ def empty_machine(tmp_path, monkeypatch):
 
     monkeypatch.setattr(cache.pooch, "retrieve", retrieve)
     monkeypatch.setenv("FACELAB_CACHE", str(tmp_path / "cache"))
-    monkeypatch.delenv("FACELAB_ICT", raising=False)
-    monkeypatch.delenv("FACELAB_CAPTURES", raising=False)
-    monkeypatch.delenv("FACELAB_OFFLINE", raising=False)
+    for variable in ("ICT", "CAPTURES", "ANIMFACE", "OFFLINE"):
+        monkeypatch.delenv(f"FACELAB_{variable}", raising=False)
     return tmp_path / "cache"
 
 
@@ -317,21 +317,22 @@ def test_a_take_missing_from_its_folder_is_refused_by_name(tmp_path):
         load_take("alex_rom_3", tmp_path)
 
 
-@pytest.mark.parametrize("load", [load_ict_facekit, lambda: load_take("alex_rom_3")])
-def test_without_files_and_network_the_remedy_is_said(empty_machine, load):
-    with pytest.raises(DataUnavailable) as refusal:
-        load()
-    words = str(refusal.value)
-    for needed in ("ConnectionError", "copy the data", "FACELAB_ICT", "FACELAB_CAPTURES"):
-        assert needed in words
-    assert not list(empty_machine.glob("*.npz"))  # nothing half-made is kept
-
-
 LOADERS = {
     "load_ict_facekit": load_ict_facekit,
     "load_ict_props": load_ict_props,
     **{f"load_take {name}": lambda name=name: load_take(name) for name in TAKES},
+    **{f"load_markers {name}": lambda name=name: load_markers(name) for name in MARKERS},
 }
+
+
+@pytest.mark.parametrize("name", LOADERS)
+def test_without_files_and_network_the_remedy_is_said(empty_machine, name):
+    with pytest.raises(DataUnavailable) as refusal:
+        LOADERS[name]()
+    words = str(refusal.value)
+    for needed in ("ConnectionError", "copy the data", "FACELAB_ICT", "FACELAB_CAPTURES"):
+        assert needed in words
+    assert not list(empty_machine.glob("*.npz"))  # nothing half-made is kept
 
 
 @pytest.fixture
