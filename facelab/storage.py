@@ -275,10 +275,12 @@ class StoredArrays:
     path : Path
     file : binary file
         Of that path, open for reading.
+    what : str
+        What the file should be, for messages.
     """
 
-    def __init__(self, path, file):
-        self.path = path
+    def __init__(self, path, file, what="facelab npz file"):
+        self.path, self._what = path, what
         try:
             self._zip = zipfile.ZipFile(file)
             parts = self._zip.infolist()
@@ -360,8 +362,8 @@ class StoredArrays:
         return array
 
     def unreadable(self, why):
-        """What to raise for a file that is no npz of ours."""
-        return NpzError(f"{self.path}: not a readable facelab npz file ({why}).")
+        """What to raise for a file that is no such npz."""
+        return NpzError(f"{self.path}: not a readable {self._what} ({why}).")
 
     def refused(self, why):
         """What to raise for a file whose content does not fit together."""

@@ -1,5 +1,8 @@
+import doctest
+
 import pytest
 
+from facelab import motion, names
 from facelab.names import ANGLES, ARKIT, arkit_names, canonical, normalised
 
 
@@ -90,3 +93,9 @@ def test_the_units_of_the_actors_go_where_their_table_says():
         found = arkit_names(unit.name)
         assert {*found} <= {t for i in unit.ict for t in arkit_names(i)}, unit.name
         assert found or unit.name in ("AU11L", "AU11R", "AU13", "AU23", "AU25", "AU35", "AU38")
+
+
+@pytest.mark.parametrize("module", [names, motion], ids=lambda module: module.__name__)
+def test_the_examples_run(module):
+    failed, tried = doctest.testmod(module)
+    assert tried and not failed

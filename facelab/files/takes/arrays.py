@@ -1,16 +1,16 @@
 """Weights in JSON and npz: names beside a matrix, frames one by one, or a column for each name."""
 
 import json
-import zipfile
 
 import numpy as np
 
 from facelab.files.takes.columns import weight_columns
 from facelab.files.takes.recording import Recording
 from facelab.names import normalised
-from facelab.storage import existing_file
+from facelab.storage import StoredArrays, existing_file
 
-_MOST = 1 << 26  # numbers in one file: half a gigabyte
+_MOST = 200e6  # bytes of JSON that are read: each number in it takes three times its room
+_NPZ = "npz file of weights"
 _NAMES = ("names", "facsnames", "blendshapenames", "blendshapes", "shapes", "channels", "columns")
 _WEIGHTS = ("weights", "weightmat", "values", "blendshapes", "blendshapeweights", "coefficients")
 _ROWS = (*_WEIGHTS, "frames", "data")
@@ -35,7 +35,7 @@ def _recording(path, header, matrix, names, fps=None, codes=None, left_out=(), w
     )
     if codes is None and columns.time is not None:
         seconds = matrix[:, columns.time] / (1000 if columns.milliseconds else 1)
-        found.codes = [f"{s:.9f}".rstrip("0") for s in seconds.tolist()]
+        found.codes = _as_codes(seconds)
     if columns.frame is not None:
         frames = matrix[:, columns.frame]
         if (frames % 1 != 0).any():
@@ -47,16 +47,20 @@ def _recording(path, header, matrix, names, fps=None, codes=None, left_out=(), w
     return found
 
 
+def _as_codes(seconds):
+    return [f"{s:.9f}".rstrip("0") for s in seconds.tolist()]
+
+
 # --- JSON -----------------------------------------------------------------------------------------
 
 
 def read_json_recording(path, names=None):
     """The rows of a JSON file of weights; see `read_weights` for its forms."""
     path = existing_file(path, "JSON file of weights")
-    if path.stat().st_size > 3 * _MOST:
+    if path.stat().st_size > _MOST:
         raise ValueError(
-            f"{path}: {path.stat().st_size >> 20} MB of JSON, and at most {3 * _MOST >> 20} are "
-            "read; write an npz or CSV file."
+            f"{path}: {path.stat().st_size / 1e6:.0f} MB of JSON, and at most {_MOST / 1e6:.0f} "
+            "are read; write an npz or CSV file."
         )
     content = _parsed(path)
     if isinstance(content, list):
@@ -212,106 +216,37 @@ def _of_columns(path, content, names, fps):
 
 def read_npz_recording(path, names=None):
     """The rows of an npz file of weights; see `read_weights` for its forms."""
-    path = existing_file(path, "npz file of weights")
-    with _Npz(path) as stored:
+    path = existing_file(path, _NPZ)
+    with open(path, "rb") as file, StoredArrays(path, file, _NPZ) as stored:
         fps = None
-        if "fps" in stored.shapes:
-            fps = stored.array("fps", "fiu")
-            if fps.size != 1 or not fps.ravel()[0] > 0:
+        if "fps" in stored:
+            fps = stored.read("fps", kinds="fiu")
+            if fps.size != 1 or not 0 < fps.ravel()[0] < np.inf:
                 raise ValueError(f"{path}: fps is {fps.tolist()}, but must be one rate above 0.")
             fps = float(fps.ravel()[0])
-        if "weights" in stored.shapes:
+        if "weights" in stored:
             return _of_matrix(path, stored, names, fps)
-        tracks = {k: s for k, s in stored.shapes.items() if len(s) == 1 and k != "fps"}
-        if not tracks or len({*tracks.values()}) > 1:
+        tracks = [k for k in stored.names if k != "fps" and len(stored.shape(k)) == 1]
+        if not tracks or len({stored.shape(k) for k in tracks}) > 1:
             raise ValueError(
                 f"{path}: neither names and weights, nor a track of one length for each name; it "
-                f"holds {', '.join(f'{k} {s}' for k, s in stored.shapes.items())}."
+                f"holds {', '.join(f'{k} {stored.shape(k)}' for k in stored.names)}."
             )
-        matrix = np.column_stack([stored.array(k, "fiu").astype(float) for k in tracks])
-        left_out = [k for k in stored.shapes if k not in tracks and k != "fps"]
-        return _recording(path, list(tracks), matrix, names, fps, None, left_out)
+        matrix = np.column_stack([stored.read(k, kinds="fiu").astype(float) for k in tracks])
+        left_out = [k for k in stored.names if k not in tracks and k != "fps"]
+        return _recording(path, tracks, matrix, names, fps, None, left_out)
 
 
 def _of_matrix(path, stored, names, fps):
-    weights = stored.array("weights", "fiu").astype(float)
-    if "names" not in stored.shapes:
+    if "names" not in stored:
         raise ValueError(f"{path}: weights without names; add an array of strings, names.")
-    header = [str(n) for n in stored.array("names", "U").ravel()]
-    if weights.ndim != 2 or weights.shape[1] != len(header):
-        raise ValueError(
-            f"{path}: weights has shape {weights.shape}, but {len(header)} names ask for "
-            f"(n_frames, {len(header)})."
-        )
-    beside = {"valid": "b", "times": "fiu"}
-    found = {}
-    for name, kinds in beside.items():
-        if name in stored.shapes:
-            found[name] = stored.array(name, kinds)
-            if found[name].shape != (len(weights),):
-                raise ValueError(
-                    f"{path}: {name} has shape {found[name].shape} for {len(weights)} frames."
-                )
-    if "valid" in found:
-        weights[~found["valid"]] = np.nan
-    codes = [f"{t:.9f}".rstrip("0") for t in found["times"].tolist()] if "times" in found else None
-    left_out = [k for k in stored.shapes if k not in ("weights", "names", "fps", *beside)]
-    return _recording(path, header, weights, names, fps, codes, left_out)
-
-
-class _Npz:
-    """Arrays of an npz file, looked at before they are read: their size is checked first."""
-
-    def __init__(self, path):
-        self.path = path
-        self.shapes, self._info = {}, {}
-
-    def __enter__(self):
-        try:
-            self._archive = zipfile.ZipFile(self.path)
-            for info in self._archive.infolist():
-                name = info.filename.removesuffix(".npy")
-                if name in self.shapes:
-                    raise ValueError(f"{self.path}: {name} is in it more than once.")
-                with self._archive.open(info) as source:
-                    shape, fortran, dtype = _npy_header(source)
-                    if info.file_size - source.tell() != int(np.prod(shape)) * dtype.itemsize:
-                        raise ValueError("size")
-                self.shapes[name], self._info[name] = shape, (info, fortran, dtype)
-        except Exception:  # zip, deflate and header each fail in their own way
-            self.__exit__()
-            raise ValueError(f"{self.path}: no npz file, or a damaged one.") from None
-        return self
-
-    def __exit__(self, *_):
-        if hasattr(self, "_archive"):
-            self._archive.close()
-
-    def array(self, name, kinds):
-        """One array, of one of the kinds of numpy's `dtype.kind`."""
-        info, fortran, dtype = self._info[name]
-        shape = self.shapes[name]
-        if dtype.kind not in kinds or dtype.hasobject:
-            raise ValueError(
-                f"{self.path}: {name} is an array of {dtype}, which is not wanted here."
-            )
-        if int(np.prod(shape)) * dtype.itemsize > 8 * _MOST:
-            raise ValueError(f"{self.path}: {name} has shape {shape}, too much for one take.")
-        try:
-            with self._archive.open(info) as source:
-                _npy_header(source)
-                data = source.read(int(np.prod(shape)) * dtype.itemsize)
-                source.read(1)  # the end, where its checksum is looked at
-        except Exception:
-            raise ValueError(f"{self.path}: {name} is damaged; write the file again.") from None
-        array = np.frombuffer(data, dtype)
-        return array.reshape(shape[::-1]).T if fortran else array.reshape(shape)
-
-
-def _npy_header(source):
-    version = np.lib.format.read_magic(source)
-    read = {
-        (1, 0): np.lib.format.read_array_header_1_0,
-        (2, 0): np.lib.format.read_array_header_2_0,
-    }
-    return read[version](source)
+    header = stored.read("names", ("n_names",), "U").tolist()
+    weights = stored.read("weights", ("n_frames", len(header)), "fiu").astype(float)
+    frames = (len(weights),)
+    codes = None
+    if "valid" in stored:
+        weights[~stored.read("valid", frames, "b")] = np.nan
+    if "times" in stored:
+        codes = _as_codes(stored.read("times", frames, "fiu"))
+    left_out = {*stored.names} - {"weights", "names", "fps", "valid", "times"}
+    return _recording(path, header, weights, names, fps, codes, sorted(left_out))

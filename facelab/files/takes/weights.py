@@ -56,6 +56,15 @@ def read_weights(path, fps=None, scale=None, names=None):
     UserWarning
         For a last row without its line end, which may be cut, for columns kept apart or left out,
         and for gaps in time.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> from pathlib import Path
+    >>> _ = Path("smile.csv").write_text("jawOpen;mouthSmileLeft\\n0,1;0,5\\n0,2;0,75\\n")
+    >>> take = facelab.read_weights("smile.csv", fps=60)
+    >>> take, float(take.weights[1, 1])
+    (WeightSequence(2 frames of 2 weights, 60 frames/s, 0 lost), 0.75)
     """
     check_type(path, "path", (str, Path), "give the path of a table of weights")
     if isinstance(names, str):
