@@ -2,7 +2,7 @@
 
 import numpy as np
 
-_MOST_CORNERS = 1000  # of a polygon that bends inwards: cutting it costs the cube of that
+_MOST_WORK = 1_000_000  # corners squared, of polygons that bend inwards: some seconds of cutting
 
 
 def triangulate(vertices, corners, counts):
@@ -25,6 +25,11 @@ def triangulate(vertices, corners, counts):
     polygon : ndarray of int, shape (n_corners - 2 * n_polygons,)
         That each triangle comes from.
 
+    Raises
+    ------
+    ValueError
+        If polygons that bend inwards have so many corners that cutting them would take minutes.
+
     Examples
     --------
     >>> V = np.array([[2, 0, 0], [0.4, 0.4, 0], [0, 2, 0], [0, 0, 0]])  # bends inwards at V[1]
@@ -44,7 +49,14 @@ def triangulate(vertices, corners, counts):
     normal = np.add.reduceat(cross, first) if len(first) else cross
     seen = (cross * normal[polygon]).sum(axis=1)
     turned = seen < -1e-9 * (normal**2).sum(axis=1)[polygon]
-    for p in np.unique(polygon[turned]).tolist():
+    bent = np.unique(polygon[turned])
+    large = counts[bent][counts[bent] > 4].astype(float)
+    if (large**2).sum() > _MOST_WORK:
+        raise ValueError(
+            f"{len(large)} polygon(s) with up to {large.max():.0f} corners bend inwards, too many "
+            "to be cut here; cut them into triangles in the program that made the mesh."
+        )
+    for p in bent.tolist():
         loop = corners[start[p] : start[p] + counts[p]]
         cut = _cut(vertices[loop], normal[p])
         F[first[p] : first[p] + counts[p] - 2] = loop[cut]
@@ -56,11 +68,6 @@ def _cut(points, normal):
     n = len(points)
     if n == 4:  # the fan leaves it, so the other diagonal is the better one
         return np.array([(0, 1, 3), (1, 2, 3)])
-    if n > _MOST_CORNERS:
-        raise ValueError(
-            f"a polygon with {n} corners bends inwards, and such may have {_MOST_CORNERS}; cut it "
-            "into triangles in the program that made it."
-        )
     axis = np.abs(normal).argmax()
     flat = np.delete(points, axis, axis=1)
     if (normal[axis] < 0) != (axis == 1):  # leaving out y mirrors the plane
