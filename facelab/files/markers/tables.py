@@ -1,6 +1,7 @@
 """Markers in tables of text: the headers of Motive, Nexus, Qualisys and others."""
 
 import re
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -120,8 +121,11 @@ def _motive(path, lines, first, unit):
         if row[0].lower() == "frame":
             break
         above.append(row)
-        if len(above) > 8:
-            raise ValueError(f"{path}: none of its first lines starts with Frame.")
+        if row[0] or len(above) > 8:
+            raise ValueError(
+                f"{path}, line {number}: no part of a header; a row that starts with Frame should "
+                "follow. Export the file again."
+            )
     if len(above) < 3:
         raise ValueError(
             f"{path}: rows of types, names and kinds of value are missing above line {number}; "
@@ -254,10 +258,27 @@ def _qualisys(path, lines, first, unit):
 
 def _plain(path, lines, first, unit):
     delimiter = delimiter_of(first)
+    titles, number = _titles(lines, first, delimiter)
+    found = _sorted_out(path, number, titles)
+    report = []
+    left_out(report, [titles[i] for i in found.others], "other column(s)")
+    units = sorted(found.units)
+    if unit is None and len(units) > 1:
+        raise ValueError(f"{path}: several units in one table: {listed(units)}.")
+    if unit is None and not units:
+        report.append("no unit in the file: taken as millimetres; another with unit=")
+    return Table(
+        titles, found.markers, delimiter, found.frame, found.time, found.per_second,
+        factor=factor_of(path, (units or ["mm"])[0], unit, "the unit"), report=report,
+    )  # fmt: skip
+
+
+def _titles(lines, first, delimiter):
+    """Name of each column, joined from two lines if x, y, z stand below the names; and the line."""
     titles, number = cells(first, delimiter), lines.number
     second = next(lines.rows(1), None)
     below = cells(second[1], delimiter) if second else []
-    if sum(c.strip().upper() in ("X", "Y", "Z") for c in below) >= max(3, len(below) - 3):
+    if sum(cell.upper() in ("X", "Y", "Z") for cell in below) >= max(3, len(below) - 3):
         name, joined = "", []
         for i, axis in enumerate(below):
             name = titles[i] if i < len(titles) and titles[i] else name
@@ -267,36 +288,45 @@ def _plain(path, lines, first, unit):
         lines.back(second[1])
     while titles and not titles[-1]:
         titles.pop()
-    found, units, frame, time, scale = {}, set(), None, None, 1.0
+    return titles, number
+
+
+@dataclass
+class _Columns:
+    """The columns of a plain table by what they are."""
+
+    markers: list = field(default_factory=list)
+    frame: int = None
+    time: int = None
+    per_second: float = 1.0
+    units: set = field(default_factory=set)
+    others: list = field(default_factory=list)
+
+
+def _sorted_out(path, number, titles):
+    found, axes_of, unit_of = _Columns(), {}, {}
     for i, title in enumerate(titles):
-        timed = _TIME_NAME.fullmatch(title.lower())
-        named = _AXIS_NAME.fullmatch(title)
-        if frame is None and i < 3 and title.lower() in _FRAME_NAMES:
-            frame = i
-        elif time is None and timed:
-            time, scale = i, 1000.0 if (timed[1] or "").startswith("m") else 1.0
+        timed, named = _TIME_NAME.fullmatch(title.lower()), _AXIS_NAME.fullmatch(title)
+        if found.frame is None and i < 3 and title.lower() in _FRAME_NAMES:
+            found.frame = i
+        elif found.time is None and timed:
+            found.time = i
+            found.per_second = 1000.0 if (timed[1] or "").startswith("m") else 1.0
         elif named and named[1]:
-            axes = found.setdefault(named[1], {})
+            axes = axes_of.setdefault(named[1], {})
             if named[2].lower() in axes:
                 raise ValueError(f"{path}, line {number}: two columns are called {title}.")
             axes[named[2].lower()] = i
-            units.add(named[3])
-    whole = {name: axes for name, axes in found.items() if len(axes) == 3}
-    if not whole:
+            unit_of[i] = named[3]
+    for name, axes in axes_of.items():
+        if len(axes) == 3:
+            found.markers.append((name, tuple(axes[axis] for axis in "xyz")))
+    if not found.markers:
         raise ValueError(
             f"{path}, line {number}: no column is called like chin_x, chin_y, chin_z; name the "
             "columns so, or export from the capture program with its header."
         )
-    read = {i for axes in whole.values() for i in axes.values()} | {frame, time}
-    report = []
-    left_out(report, [t for i, t in enumerate(titles) if i not in read], "other column(s)")
-    units = {u for u in units if u}
-    said = next(iter(units), None)
-    if unit is None and len(units) > 1:
-        raise ValueError(f"{path}: several units in one table: {listed(sorted(units))}.")
-    if unit is None and said is None:
-        report.append("no unit in the file: taken as millimetres; another with unit=")
-    return Table(
-        titles, [(n, tuple(a[axis] for axis in "xyz")) for n, a in whole.items()], delimiter,
-        frame, time, scale, factor=factor_of(path, said or "mm", unit, "the unit"), report=report,
-    )  # fmt: skip
+    read = {column for _, three in found.markers for column in three}
+    found.units = {unit_of[i] for i in read} - {None, ""}
+    found.others = [i for i in range(len(titles)) if i not in read | {found.frame, found.time}]
+    return found
