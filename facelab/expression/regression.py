@@ -47,6 +47,11 @@ __all__ = [
 CRITERIA = ("e_rms", "held_out", "gcv", "fewest")
 """Ways to choose alpha; see `ExpressionFit.choose`."""
 
+LAMS = 0.0, 1e3
+"""Ends of lam, millimetres."""
+
+_OPTIMAL = 1e-5  # how far the optimality conditions may be missed, of the largest unit or sketch
+
 
 # -- Regression -------------------------------------------------------------------------------
 
@@ -189,12 +194,8 @@ class ExpressionFit:
         clamp : bool, default=False
             Let vertices beyond their boundary fall back to it.
         """
-        rig, moved = self.basis.rig, self._moved(index)
-        if clamp:
-            length = np.linalg.norm(moved, axis=1)
-            share = self.basis.limit / np.maximum(length, 1e-300)
-            moved = moved * np.minimum(1, share)[:, None]
-        return rig.neutral.vertices + moved
+        moved = self.basis.moved(self._weights_at(index))
+        return self.basis.rig.neutral.vertices + (self.basis.clamped(moved) if clamp else moved)
 
     def excess(self, index=None):
         """How far each vertex goes beyond its boundary, mm, shape (n_vertices,); mostly 0.
@@ -202,15 +203,14 @@ class ExpressionFit:
         The boundary of a vertex is the largest displacement that any one unit gives it. Weights
         within [0, 1] do not keep it: units add up.
         """
-        return np.maximum(np.linalg.norm(self._moved(index), axis=1) - self.basis.limit, 0)
+        return self.basis.excess(self.basis.moved(self._weights_at(index)))
 
-    def _moved(self, index):
-        w = self.weights[self.best if index is None else index]
-        return np.tensordot(w, self.basis.rig.deltas, axes=1)
+    def _weights_at(self, index):
+        return self.weights[self.best if index is None else index]
 
     def negative(self, index=None, least=0.01):
         """Names of the units with a weight below -least."""
-        w = self.weights[self.best if index is None else index]
+        w = self._weights_at(index)
         return tuple(n for n, x in zip(self.names, w, strict=True) if x < -least)
 
     def cancelling(self, index=None, cosine=-0.5, least=0.1):
@@ -224,7 +224,7 @@ class ExpressionFit:
         list of (str, str)
         """
         k = self.basis.kept
-        w = self.weights[self.best if index is None else index][k]
+        w = self._weights_at(index)[k]
         reach = np.linalg.norm(self.basis.rig.deltas[k], axis=2).max(axis=1)
         size = np.sqrt(np.diag(self.basis.gram))
         C = self.basis.gram / np.outer(size, size) * np.outer(np.sign(w), np.sign(w))
@@ -278,7 +278,7 @@ def regress_expression(
     sketch : TriangleMesh or ndarray of shape (n_vertices, 3)
         On the vertices of the rig, millimetres.
     lam : float, default=1.0
-        Weight of sum(w) = alpha, millimetres.
+        Weight of sum(w) = alpha, millimetres: 0 to 1,000, and less where units are alike.
     alphas : iterable of float
         Wanted sums of the weights (no unit).
     bounds : None, (lower, upper) or dict of str to (lower, upper)
@@ -303,7 +303,8 @@ def regress_expression(
     ------
     ValueError
         For NaN, another vertex count, a sketch that is not aligned, bounds that cross, unknown or
-        dropped units, no alphas, and what `prepare_units` refuses.
+        dropped units, no alphas, a lam at which rounding takes over, and what `prepare_units`
+        refuses.
 
     Warns
     -----
@@ -324,7 +325,7 @@ def regress_expression(
     0.6
     """
     basis = as_basis(rig)
-    lam = check_number(lam, "lam", low=0)
+    lam = check_number(lam, "lam", *LAMS)
     check_choice(criterion, "criterion", CRITERIA)
     alphas = as_finite(list(alphas) if np.iterable(alphas) else [alphas], "alphas", ("A",))
     if not alphas.size:
@@ -340,14 +341,23 @@ def regress_expression(
     H = scale * basis.gram + lam**2  # 11^T added: Eq. 9
     b = scale * (basis.R.T @ c)
     pull = np.full(len(k), lam**2)
-    knots, W, w = weights_over(H, b, pull, lo[k], hi[k], alphas)
+    try:
+        knots, W, w = weights_over(H, b, pull, lo[k], hi[k], alphas)
+        kkt = kkt_residual(H, b, pull, lo[k], hi[k], alphas, w)
+    except np.linalg.LinAlgError:
+        kkt = np.array([np.inf])
+    if not kkt.max() * np.abs(b).max() <= _OPTIMAL * max(np.abs(b).max(), scale * basis.largest):
+        raise ValueError(
+            f"lam={lam:g} gives Eq. 9 the condition number {np.linalg.cond(H):.0e} with these "
+            "units, and rounding takes over; lower lam, or leave out units that are alike."
+        )
     off = w @ basis.R.T - c
     fit = ExpressionFit(
         basis=basis,
         alphas=alphas,
         weights=among_all(w, basis),
         rms=np.sqrt(((off**2).sum(axis=1) + outside) / n),
-        kkt=kkt_residual(H, b, pull, lo[k], hi[k], alphas, w),
+        kkt=kkt,
         knots=knots,
         knot_weights=among_all(W, basis),
         lo=lo,
