@@ -31,6 +31,11 @@ from facelab.numeric.threads import single_threaded
 CRITERIA = ("e_rms", "held_out", "gcv", "fewest")
 """Ways to choose alpha; see `ExpressionFit.choose`."""
 
+LAMS = 0.0, 1e3
+"""Ends of lam, millimetres."""
+
+_OPTIMAL = 1e-5  # how far the optimality conditions may be missed, of the largest unit or sketch
+
 
 # -- Regression -------------------------------------------------------------------------------
 
@@ -258,7 +263,7 @@ def regress_expression(
     sketch : TriangleMesh or ndarray of shape (n_vertices, 3)
         On the vertices of the rig, millimetres.
     lam : float, default=1.0
-        Weight of sum(w) = alpha, millimetres.
+        Weight of sum(w) = alpha, millimetres: 0 to 1,000, and less where units are alike.
     alphas : iterable of float
         Wanted sums of the weights (no unit).
     bounds : None, (lower, upper) or dict of str to (lower, upper)
@@ -283,7 +288,8 @@ def regress_expression(
     ------
     ValueError
         For NaN, another vertex count, a sketch that is not aligned, bounds that cross, unknown or
-        dropped units, no alphas, and what `prepare_units` refuses.
+        dropped units, no alphas, a lam at which rounding takes over, and what `prepare_units`
+        refuses.
 
     Warns
     -----
@@ -304,7 +310,7 @@ def regress_expression(
     0.6
     """
     basis = as_basis(rig)
-    lam = check_number(lam, "lam", low=0)
+    lam = check_number(lam, "lam", *LAMS)
     check_choice(criterion, "criterion", CRITERIA)
     alphas = as_finite(list(alphas) if np.iterable(alphas) else [alphas], "alphas", ("A",))
     if not alphas.size:
@@ -320,14 +326,23 @@ def regress_expression(
     H = scale * basis.gram + lam**2  # 11^T added: Eq. 9
     b = scale * (basis.R.T @ c)
     pull = np.full(len(k), lam**2)
-    knots, W, w = weights_over(H, b, pull, lo[k], hi[k], alphas)
+    try:
+        knots, W, w = weights_over(H, b, pull, lo[k], hi[k], alphas)
+        kkt = kkt_residual(H, b, pull, lo[k], hi[k], alphas, w)
+    except np.linalg.LinAlgError:
+        kkt = np.array([np.inf])
+    if not kkt.max() * np.abs(b).max() <= _OPTIMAL * max(np.abs(b).max(), scale * basis.largest):
+        raise ValueError(
+            f"lam={lam:g} gives Eq. 9 the condition number {np.linalg.cond(H):.0e} with these "
+            "units, and rounding takes over; lower lam, or leave out units that are alike."
+        )
     off = w @ basis.R.T - c
     fit = ExpressionFit(
         basis=basis,
         alphas=alphas,
         weights=among_all(w, basis),
         rms=np.sqrt(((off**2).sum(axis=1) + outside) / n),
-        kkt=kkt_residual(H, b, pull, lo[k], hi[k], alphas, w),
+        kkt=kkt,
         knots=knots,
         knot_weights=among_all(W, basis),
         lo=lo,

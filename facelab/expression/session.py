@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from facelab.checks import check_choice, check_index, check_number, check_type
-from facelab.expression.regression import CRITERIA, ExpressionFit, regress_expression
+from facelab.expression.regression import CRITERIA, LAMS, ExpressionFit, regress_expression
 from facelab.expression.transfer import IntermediateSpace
 from facelab.expression.units import as_basis, sketch_positions
 from facelab.files.meshes import read_mesh
@@ -24,6 +24,9 @@ ALPHAS = np.concatenate([np.arange(100) / 10, np.arange(10.0, 101)])
 
 BOUNDS = {"free": None, "not negative": (0, None), "0 to 1": (0, 1)}
 """Bounds of the weights by name; the paper names none (see design)."""
+
+LOCKS = -1e3, 1e3
+"""Ends of a weight set by hand."""
 
 ALIGN = ("check", True, False)
 """Refuse a sketch that is moved as a whole, take that motion out, or fit it as it is."""
@@ -131,15 +134,13 @@ class ExpressionSession:
     def __init__(self, rig, sketch=None, lam=1.0, bounds="0 to 1", origin="sketch"):
         self.basis = as_basis(rig)
         self.rig = self.basis.rig
-        K = len(self.rig.names)
-        self._D = np.asarray(self.rig.deltas, dtype=float).reshape(K, -1)
         self.dropped = frozenset(self.basis.dropped)
         self._shown = None, None  # a state and its displacements
         start = ExpressionState(
             sketch=_positions(self.rig.neutral if sketch is None else sketch),
             origin="neutral" if sketch is None else origin,
             alpha=None,
-            lam=check_number(lam, "lam", low=0),
+            lam=check_number(lam, "lam", *LAMS),
             bounds=check_choice(bounds, "bounds", tuple(BOUNDS)),
             criterion="e_rms",
             align="check",
@@ -191,15 +192,12 @@ class ExpressionSession:
     def vertices(self):
         """The optimised face S_0 + sum w_i d_i (Eq. 1), shape (n_vertices, 3), millimetres."""
         moved = self._moved()
-        if self.state.clamp:
-            length = np.linalg.norm(moved, axis=1)
-            share = self.basis.limit / np.maximum(length, 1e-300)
-            moved = moved * np.minimum(1, share)[:, None]
+        moved = self.basis.clamped(moved) if self.state.clamp else moved
         return self.rig.neutral.vertices + moved
 
     def _moved(self):
         if self._shown[0] is not self.state:
-            self._shown = self.state, (self.weights @ self._D).reshape(-1, 3)
+            self._shown = self.state, self.basis.moved(self.weights)
         return self._shown[1]
 
     @property
@@ -218,7 +216,7 @@ class ExpressionSession:
 
         The boundary is the largest displacement that any one unit gives the vertex.
         """
-        return np.maximum(np.linalg.norm(self._moved(), axis=1) - self.basis.limit, 0)
+        return self.basis.excess(self._moved())
 
     @property
     def reach(self):
@@ -260,6 +258,7 @@ class ExpressionSession:
             For NaN, another number of vertices, another size, or a sketch that is not aligned
             (unless `set(align=...)` says otherwise); nothing changes.
         """
+        check_type(origin, "origin", str, "say in words where the sketch came from")
         self._step("sketch" if live else None, sketch=_positions(sketch), origin=origin)
 
     def load_file(self, path, scale=None, origin=None):
@@ -302,7 +301,7 @@ class ExpressionSession:
         alpha : float or "best"
             Wanted sum of the weights, 0 to 100, or always the best by the criterion.
         lam : float
-            λ, millimetres.
+            λ, millimetres: 0 to 1,000, and less where units are alike.
         bounds : str
             One of `BOUNDS`.
         criterion : str
@@ -323,7 +322,7 @@ class ExpressionSession:
         elif alpha is not None:
             changes["alpha"] = check_number(alpha, "alpha", low=ALPHAS[0], high=ALPHAS[-1])
         if lam is not None:
-            changes["lam"] = check_number(lam, "lam", low=0)
+            changes["lam"] = check_number(lam, "lam", *LAMS)
         for name, value, choices in (
             ("bounds", bounds, tuple(BOUNDS)),
             ("criterion", criterion, CRITERIA),
@@ -338,11 +337,11 @@ class ExpressionSession:
     def lock(self, name, weight=None):
         """Hold a unit at a weight: set by hand, or the present one if left out.
 
-        The others are solved for anew. A hand may go beyond the bounds. A stroke of weights for
-        the same unit is one step of undo.
+        The others are solved for anew. A hand may go beyond the bounds, to 1,000 either way. A
+        stroke of weights for the same unit is one step of undo.
         """
         index = self._index(name)
-        weight = self.weights[index] if weight is None else check_number(weight, "weight")
+        weight = self.weights[index] if weight is None else check_number(weight, "weight", *LOCKS)
         locked = {**self.state.locked, name: float(weight)}
         self._step(
             f"lock {name}",
@@ -395,6 +394,7 @@ class ExpressionSession:
                 align=state.align,
                 criterion=state.criterion,
             )
+        fit.best  # noqa: B018 (found now, or the sketch is refused)
         return replace(state, fit=fit)
 
     def _step(self, stroke=None, **changes):

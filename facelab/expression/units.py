@@ -18,6 +18,9 @@ from facelab.rig import BlendshapeRig
 MISALIGNED = 2.0
 """Rigid motion, RMS over the vertices in millimetres, from which a sketch is not aligned."""
 
+FARTHEST = 1e7
+"""Largest coordinate of a sketch, millimetres."""
+
 DEPENDENT = 1e-5
 """Share of a unit that earlier units may leave unexplained before it counts as their mixture."""
 
@@ -53,6 +56,28 @@ class UnitBasis:
     def gram(self):
         """D^T D, square millimetres, shape (n_kept, n_kept)."""
         return self.R.T @ self.R
+
+    @property
+    def largest(self):
+        """Squared length of the largest unit, square millimetres."""
+        return float(self.gram.diagonal().max())
+
+    @cached_property
+    def _flat(self):
+        return np.asarray(self.rig.deltas, dtype=float).reshape(len(self.rig.names), -1)
+
+    def moved(self, weights):
+        """Displacements that weights of all units make (Eq. 1), mm, shape (n_vertices, 3)."""
+        return (weights @ self._flat).reshape(-1, 3)
+
+    def clamped(self, moved):
+        """Displacements with vertices beyond their boundary fallen back to it."""
+        length = np.linalg.norm(moved, axis=1)
+        return moved * np.minimum(1, self.limit / np.maximum(length, 1e-300))[:, None]
+
+    def excess(self, moved):
+        """How far displacements go beyond the boundary of each vertex, mm, (n_vertices,)."""
+        return np.maximum(np.linalg.norm(moved, axis=1) - self.limit, 0)
 
     @cached_property
     def limit(self):
@@ -243,7 +268,14 @@ def find_alignment(rig, sketch):
 def sketch_positions(sketch):
     """Vertices of a sketch on any mesh, (n_vertices, 3)."""
     V = sketch.vertices if isinstance(sketch, TriangleMesh) else sketch
-    return as_finite(V, "sketch", ("n_vertices", 3))
+    V = as_finite(V, "sketch", ("n_vertices", 3))
+    far = np.abs(V).max(initial=0)
+    if far > FARTHEST:
+        raise ValueError(
+            f"sketch reaches {far:.3g} mm from the origin, but at most {FARTHEST:g} mm are "
+            "allowed; bring it to millimetres and near the neutral face."
+        )
+    return V
 
 
 def sketch_vertices(basis, sketch):

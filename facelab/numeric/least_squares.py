@@ -47,7 +47,7 @@ def pivot(solve, times, g, lo, hi, at=None):
         else:
             wrong &= np.arange(len(g)) == np.flatnonzero(wrong)[-1]
         at[wrong] = np.where(below, -1, np.where(above, 1, 0))[wrong]
-    raise AssertionError("pivoting did not end: H is not positive definite")
+    raise np.linalg.LinAlgError("pivoting did not end: H is not positive definite")
 
 
 def solve_bounded(H, g, lo, hi, at=None):
@@ -118,7 +118,7 @@ def bounded_path(H, g, pull, lo, hi, start, stop):
                 M = _free_inverse(H, at)
             knots.append(alpha)
             W.append(w)
-    raise AssertionError("the path over alpha did not end")
+    raise np.linalg.LinAlgError("the path over alpha did not end")
 
 
 def _free_inverse(H, at):

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.symmetry import MIRROR
 
 
@@ -53,8 +54,7 @@ class Drag:
     solver : PoseSolver
     state : PoseState
         When the drag began.
-    rest : ndarray of shape (n_vertices, 3)
-        The neutral.
+    neutral : TriangleMesh
     vertex : int
     moving : dict
         See `targets`.
@@ -76,7 +76,7 @@ class Drag:
 
     solver: object
     state: object
-    rest: np.ndarray
+    neutral: TriangleMesh
     vertex: int
     moving: dict
     problem: object
@@ -89,7 +89,7 @@ class Drag:
     asked: np.ndarray | None = None
 
     @classmethod
-    def begin(cls, solver, state, rest, vertex, moving, V):
+    def begin(cls, solver, state, neutral, vertex, moving, V):
         """The drag of a vertex that has not moved yet."""
         pins = {v: start for v, (start, _) in moving.items()}
         pins = {**state.pins, **pins}
@@ -101,18 +101,18 @@ class Drag:
             D = np.ascontiguousarray(solver.shown(slope.T).transpose(1, 2, 0))
         start = moving[vertex][0]
         c = state.coefficients
-        return cls(solver, state, rest, vertex, moving, problem, pins, c, V, slope, D, start)
+        return cls(solver, state, neutral, vertex, moving, problem, pins, c, V, slope, D, start)
 
     def to(self, place):
         """The drag with the vertex pulled to a place, (3,), millimetres."""
         start = self.moving[self.vertex][0]
-        target = self.solver.capped(self.vertex, place - self.rest[self.vertex], start)
+        target = self.solver.capped(self.vertex, place - self.neutral.vertices[self.vertex], start)
         moved = replace(self, target=target, asked=place)
         if self.slope is not None:
             return moved
         wanted = np.array(list({**self.pins, **moved.targets}.values()))
         c = self.problem.solve(wanted, self.state.c_0, self.state.molded)
-        return replace(moved, c=c, V=self.rest + self.solver.shown(c)[0])
+        return replace(moved, c=c, V=self.neutral.vertices + self.solver.shown(c)[0])
 
     @property
     def targets(self):

@@ -156,6 +156,14 @@ class PosedFace:
             )
         return x[self.partners] @ MIRROR
 
+    def gaps(self, state, coefficients):
+        """How far regions disagree before blending, at each shown vertex: (n_vertices,), mm."""
+        solver = self.solver(state)
+        gap = solver.gaps(coefficients)
+        if solver.binding is None:
+            return gap
+        return self.binding.carry(gap[:, None])[:, 0].clip(min=0)
+
     def region_labels(self, state):
         """Region of each vertex for the state's model, (n_vertices,) int; None without regions."""
         solver = self.solver(state)

@@ -32,10 +32,8 @@ class PosingSession:
         `neutral` or of its control vertices.
     neutral : TriangleMesh
         The face at rest that is shown and pulled, millimetres.
-    beta : float, default=0.5
-        β, see `PoseSolver`.
-    gamma : float, default=0.025
-        γ, see `PoseSolver`.
+    beta, gamma : float, default=0.5, 0.025
+        β and γ, see `PoseSolver`.
     binding : LinearBinding, optional
         How the dense `neutral` follows control vertices, for models that have only those. Pins
         hold the very vertex that was pulled, between control vertices too.
@@ -64,10 +62,6 @@ class PosingSession:
     Eq. 9 is solved for the change since the state before the pins: what gaps a kept pose has at
     the boundaries stay as they are, and only further ones cost. Else the first pin after `keep`,
     or a mere press, would close the old gaps and move the face (by 1 mm in our trials).
-
-    References
-    ----------
-    Tena et al. 2011, sections 3.2 and 6.
 
     Examples
     --------
@@ -154,10 +148,7 @@ class PosingSession:
 
     @property
     def log(self):
-        """Every edit with its time since the start, in seconds: list of {"t", "do", ...arguments}.
-
-        `facelab.posing.replay` does them again. A stroke of a slider is one entry.
-        """
+        """Every edit, for `replay`: list of {"t": seconds, "do": name, ...arguments}."""
         return self.history.log
 
     @property
@@ -176,17 +167,7 @@ class PosingSession:
         return self._shown[1].copy()
 
     def vertices_of(self, coefficients):
-        """The shown face for any coefficients, millimetres.
-
-        Parameters
-        ----------
-        coefficients : ndarray of shape (P,) or (n, P)
-            Counted from the neutral.
-
-        Returns
-        -------
-        V : ndarray of shape (n_vertices, 3) or (n, n_vertices, 3)
-        """
+        """The shown face for coefficients (P,) or (n, P): (n_vertices, 3) or (n, n_vertices, 3)."""
         return self._face.vertices(self.state, coefficients)
 
     @property
@@ -253,10 +234,7 @@ class PosingSession:
 
         The largest distance of a region's copy from the vertex seen; 0 where one region holds it.
         """
-        gap = self._solver.gaps(self.coefficients)
-        if self._solver.binding is None:
-            return gap
-        return self.binding.carry(gap[:, None])[:, 0].clip(min=0)
+        return self._face.gaps(self.state, self.coefficients)
 
     # --- dragging ---------------------------------------------------------------------------------
 
@@ -283,10 +261,10 @@ class PosingSession:
         self.state.check_unlocked(vertex)
         with self.history.whole():
             self.release()
-            now = self._solver, self.state, self.neutral.vertices
-            drag = Drag.begin(*now, vertex, self._moving(vertex), self.vertices)
-            self.history.live = drag
-        return drag.D
+            self.history.live = Drag.begin(
+                self._solver, self.state, self.neutral, vertex, self._moving(vertex), self.vertices
+            )
+        return self.history.live.D
 
     def _moving(self, vertex):
         """What a pull of this vertex moves, see `targets`."""
@@ -335,7 +313,8 @@ class PosingSession:
         if drag is not None:
             with self.history.whole():
                 self.history.live = None
-                if drag.asked is not None and self.history.make(self._pulled(drag.targets)):
+                pins = {**self.state.pins, **drag.targets}
+                if drag.asked is not None and self.history.make(self._solved(pins=pins)):
                     self.history.note("pull", vertex=drag.vertex, target=drag.asked.tolist())
 
     @edit
@@ -347,10 +326,7 @@ class PosingSession:
         moving = self._moving(vertex)
         wanted = target - self.neutral.vertices[vertex]
         wanted = self._solver.capped(vertex, wanted, moving[vertex][0])
-        return self._pulled(targets(moving, vertex, wanted))
-
-    def _pulled(self, pins):
-        return self._solved(pins={**self.state.pins, **pins})
+        return self._solved(pins={**self.state.pins, **targets(moving, vertex, wanted)})
 
     # --- pins -------------------------------------------------------------------------------------
 
@@ -501,8 +477,8 @@ class PosingSession:
         coefficients : array_like of shape (P,)
             Of a rig: weights, 0 to 1.
         """
-        c = as_finite(coefficients, "coefficients", (self._solver.n_coefficients,))
-        return self._applied(c)
+        n = self._solver.n_coefficients
+        return self._applied(as_finite(coefficients, "coefficients", (n,)))
 
     def _applied(self, c):
         self._solver.check(c)
