@@ -182,7 +182,7 @@ def _free_skin(mesh, points, normals):
     return free
 
 
-@_threads.wrap(limits=1)  # as in template.py: choices between equals hang on the last digit
+@_threads.wrap(limits=1)  # as in the template: choices between equals hang on the last digit
 def place_markers(mesh, spacing=11.5, random_state=0):
     """Markers about `spacing` apart, those on landmarks first.
 

@@ -15,7 +15,8 @@ from threadpoolctl import threadpool_limits
 
 from data_synth.anatomy import Anatomy
 from data_synth.identity import ACTORS, random_identity
-from data_synth.template import _layout_mesh, build_template
+from data_synth.template import build_template
+from data_synth.template.layout import layout_mesh
 
 DENSE, SPARSE = 8820, 4375
 
@@ -426,7 +427,7 @@ def test_every_measurement_does_something():
 def test_the_mesh_does_not_depend_on_the_number_of_threads():
     made = []
     for threads in (1, 2):
-        _layout_mesh.cache_clear()
+        layout_mesh.cache_clear()
         with threadpool_limits(threads):
             made.append(build_template(n_vertices=3000))
     np.testing.assert_array_equal(made[0].vertices, made[1].vertices)
