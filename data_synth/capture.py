@@ -24,8 +24,8 @@ from scipy.spatial.transform import Rotation
 from threadpoolctl import ThreadpoolController
 from tqdm.auto import tqdm
 
+from data_synth.actors import ACTORS, actor_number
 from data_synth.performance import (
-    ACTORS,
     N_FACS,
     NECK,
     SENTENCES,
@@ -75,13 +75,6 @@ SIZES = {
 }
 """All of it; or one training and one test sentence of each emotion on a coarse mesh, for tests."""
 
-# spacing of the markers in mm, noise per axis in mm (width, height, depth), share occluded
-_SESSIONS = {
-    "M1": (11.1, (0.12, 0.12, 0.20), 0.030),
-    "F1": (10.7, (0.10, 0.11, 0.17), 0.026),
-    "M2": (12.8, (0.14, 0.13, 0.24), 0.040),
-    "F2": (11.7, (0.13, 0.12, 0.22), 0.034),
-}
 _ALWAYS = (
     "chin", "jaw_right_3", "jaw_left_3", "jaw_right_6", "jaw_left_6", "brow_right_1",
     "brow_right_3", "brow_right_5", "brow_left_5", "brow_left_3", "brow_left_1", "nose_bridge_1",
@@ -293,7 +286,7 @@ class Truth:
 
 def _seat(actor, random_state):
     """Where and how the actor sits in the capture volume: rotation and place of the neck."""
-    rng = np.random.default_rng([random_state, 5, ACTORS.index(actor)])
+    rng = np.random.default_rng([random_state, 5, actor_number(actor)])
     yaw, roll = rng.uniform(-8, 8), rng.uniform(-1.5, 1.5)
     turn = Rotation.from_euler("YZ", [yaw, roll], degrees=True)
     return turn, np.array([rng.uniform(-150, 150), rng.uniform(1150, 1250), rng.uniform(-150, 150)])
@@ -356,13 +349,13 @@ def _spoil(clean, normals, sites, feet, actor, fps, seed):
     """Positions as measured and what was done to them: (positions, names, swaps, ghosts)."""
     # a stream for each fault, so that one more marker does not change all of them
     rng, swapping, haunting = (np.random.default_rng([*seed, i]) for i in range(3))
-    _, noise, share = _SESSIONS[actor]
+    markers = ACTORS[actor].markers
     n_frames = len(clean)
-    seen = clean + rng.normal(size=clean.shape) * noise
+    seen = clean + rng.normal(size=clean.shape) * markers.noise
     often = np.array([2.5 if n in _OFTEN_HIDDEN else 1.0 for n in sites.names])
     low = feet[:, 1] < np.interp(0.3, [0, 1], [feet[:, 1].min(), feet[:, 1].max()])
     hazard = np.where(low, 1.6, 1.0) * often * np.exp(-2.5 * normals[..., 2])
-    hidden = _bursts(rng, hazard, share, fps)
+    hidden = _bursts(rng, hazard, markers.occluded, fps)
     seen[hidden] = np.nan
     swaps = _draw_swaps(swapping, sites, feet, n_frames, fps)
     for first, stop, a, b in swaps:
@@ -414,7 +407,7 @@ def _performances(actor, size, random_state):
         name: lambda name=name: perform_sentence(actor, name, size.fps, random_state)
         for name in size.sentences
     }
-    if actor == "M1":
+    if ACTORS[actor].all_units:
         takes["rom"] = lambda: perform_rom(actor, size.fps, random_state, size.rom_seconds)
         # spread over the list, so that few of them still hold single units and combinations
         for number in np.linspace(1, N_FACS, size.n_facs).round().astype(int).tolist():
@@ -442,7 +435,7 @@ def _sha256(path):
 
 
 def _check(actor, size, random_state):
-    check_choice(actor, "actor", ACTORS)
+    check_choice(actor, "actor", tuple(ACTORS))
     check_choice(size, "size", tuple(SIZES))
     if isinstance(random_state, bool) or not isinstance(random_state, (int, np.integer)):
         raise TypeError(f"random_state={random_state!r} is not an integer.")
@@ -514,15 +507,15 @@ def _fill(folder, actor, size, random_state, rig, progress):
             f"rig.names is {', '.join(rig.names)}, but must be the forty units in their order: "
             f"{', '.join(UNITS)}."
         )
-    spacing, noise, _ = _SESSIONS[actor]
-    seed = [random_state, 6, ACTORS.index(actor)]
-    sites = place_markers(rig.neutral, spacing, seed)
+    markers = ACTORS[actor].markers
+    seed = [random_state, 6, actor_number(actor)]
+    sites = place_markers(rig.neutral, markers.spacing, seed)
     neutral = rig.neutral.vertices[rig.neutral.faces[sites.faces]][None]
     feet = sites.feet_and_normals(neutral)[0][0]
     takes = _performances(actor, SIZES[size], random_state)
     stored = {
         "site_names": sites.names, "site_faces": sites.faces, "site_weights": sites.weights,
-        "noise": noise,
+        "noise": markers.noise,
     }  # fmt: skip
     about = {}
     bar = tqdm(takes.items(), desc=f"{actor}: capture", unit="take", disable=not progress)
@@ -534,8 +527,8 @@ def _fill(folder, actor, size, random_state, rig, progress):
         seen, names, swaps, ghosts = _spoil(
             clean, normals, sites, feet, actor, performance.weights.fps, [*seed, number]
         )
-        markers = MarkerSequence(seen.astype(np.float32), names, performance.weights.fps)
-        write_c3d(folder / f"{name}.c3d", markers)
+        measured = MarkerSequence(seen.astype(np.float32), names, performance.weights.fps)
+        write_c3d(folder / f"{name}.c3d", measured)
         about[name] = {
             "text": performance.text, "n_frames": len(W), "fps": performance.weights.fps,
             "swaps": swaps, "ghosts": ghosts,

@@ -1,7 +1,11 @@
 """The four synthetic actors."""
 
+from data_synth import actors
 from facelab.data.cache import cache_dir
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+
+ACTORS = tuple(actors.ACTORS)
+"""Their names, in the order in which Fig. 5 of Tena et al. adds them to the training set."""
 
 
 def load_capture(actor, size="default", random_state=0, root=None, progress=True):
@@ -9,7 +13,8 @@ def load_capture(actor, size="default", random_state=0, root=None, progress=True
 
     Parameters
     ----------
-    actor : {"M1", "F1", "M2", "F2"}
+    actor : str
+        One of `ACTORS`: M1, F1, M2 or F2.
     size : {"default", "small"}
         All takes at 120 frames a second (the largest, M1: 120 MB, half a minute), or a few at
         60 on a coarse mesh, for tests.

@@ -179,7 +179,8 @@ def load_registered(actor, size="default", random_state=0, fps=15.0, progress=Tr
 
     Parameters
     ----------
-    actor : {"M1", "F1", "M2", "F2"}
+    actor : str
+        One of `facelab.data.actors.ACTORS`.
     size : {"default", "small"}
         See `load_capture`.
     random_state : int, default=0

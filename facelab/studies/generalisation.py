@@ -13,6 +13,7 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from facelab import data
+from facelab.data.actors import ACTORS
 from facelab.data.registered import load_registered
 from facelab.geometry.symmetry import mirror_weights, other_side, symmetrised
 from facelab.models import blending, components, evaluation, holistic, region
@@ -22,9 +23,6 @@ from facelab.models.region import RegionModel
 from facelab.posing.session import PosingSession
 from facelab.segmentation.segment import segment_face
 from facelab.storage import atomic_path, load_npz, save_npz
-
-ACTORS = ("M1", "F1", "M2", "F2")
-"""In the order in which Fig. 5 adds them to the training set."""
 
 N_REGIONS = 13
 """Regions of the paper. On the synthetic actors every k up to 30 is compact and sets no number."""

@@ -402,11 +402,11 @@ def test_a_download_is_checked_against_its_sum(empty_machine, monkeypatch, tmp_p
 
 
 def test_the_props_of_a_synthetic_face_lie_behind_its_skin():
-    from data_synth.identity import ACTORS
+    from data_synth.actors import ACTORS
     from data_synth.template import build_template
 
-    for anatomy in ACTORS.values():
-        face = build_template(anatomy, 3000)
+    for actor in ACTORS.values():
+        face = build_template(actor.anatomy, 3000)
         *eyes, (dark, colors) = synthetic_props(face)
         for (eye, _), (centre, radius) in zip(eyes, face.eyeballs.values(), strict=True):
             away = np.linalg.norm(eye.vertices + [0, 0, 0.6] - centre, axis=1)

@@ -7,8 +7,8 @@ from scipy.spatial import cKDTree
 
 import data_synth.__main__ as command
 from data_synth import capture as module
+from data_synth.actors import ACTORS
 from data_synth.capture import (
-    ACTORS,
     RADIUS,
     SIZES,
     Capture,
@@ -75,7 +75,7 @@ def layouts():
     found = {}
     for number, actor in enumerate(ACTORS):
         mesh = actor_rig(actor, SIZES["small"].n_vertices).neutral
-        sites = place_markers(mesh, module._SESSIONS[actor][0], [0, 6, number])
+        sites = place_markers(mesh, ACTORS[actor].markers.spacing, [0, 6, number])
         feet = np.einsum("mc,mcx->mx", sites.weights, mesh.vertices[mesh.faces[sites.faces]])
         found[actor] = mesh, sites, feet
     return found
