@@ -448,11 +448,6 @@ class _Part:
         return (1.0 + over / (1.0 + over)) / (1.0 + over)
 
 
-def action_rig(template, style=None):
-    """The forty action units of a face; see `ActionUnitRig`."""
-    return ActionUnitRig(template, style)
-
-
 @lru_cache(maxsize=8)
 def actor_rig(actor, n_vertices=8820):
     """The rig of one of the four actors, made once and kept.

@@ -17,20 +17,6 @@ takes.py         `perform_sentence`, `perform_rom`, `perform_facs`
 
 from data_synth.performance.combinations import N_FACS
 from data_synth.performance.script import SENTENCES
-from data_synth.performance.takes import (
-    NECK,
-    Performance,
-    perform_facs,
-    perform_rom,
-    perform_sentence,
-)
+from data_synth.performance.takes import NECK, perform_facs, perform_rom, perform_sentence
 
-__all__ = [
-    "NECK",
-    "N_FACS",
-    "SENTENCES",
-    "Performance",
-    "perform_facs",
-    "perform_rom",
-    "perform_sentence",
-]
+__all__ = ["NECK", "N_FACS", "SENTENCES", "perform_facs", "perform_rom", "perform_sentence"]

@@ -7,9 +7,10 @@ import numpy as np
 
 from data_synth.anatomy import Anatomy
 from data_synth.template.features import eyeball_centre
-from data_synth.template.layout import layout_mesh, one_thread
+from data_synth.template.layout import layout_mesh
 from data_synth.template.parts import LANDMARK_TWINS, named_curves, named_regions
 from data_synth.template.surface import Surface
+from facelab.numeric.threads import single_threaded
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def _topology(n_vertices):
     return faces, landmarks, regions, mirror, curves
 
 
-@one_thread
+@single_threaded
 def build_template(anatomy=None, n_vertices=8820):
     """Build the face of one anatomy.
 

@@ -116,10 +116,8 @@ def mouth_points(a, loop, theta):
     gap = 0.5 * a.lip_gap * (1.0 - 0.85 * s**4) * np.where(upper, 1.0, -1.0)
     z_line = a.stomion_depth + (corner_z - 1.0 - a.stomion_depth) * arch
     up, low = a.upper_vermilion_height, a.lower_vermilion_height
-    top = curve(
-        [0, bow, 0.45, 0.75, 0.93, 1],
-        np.array([0, a.cupids_bow / up, -0.08, -0.47, -0.84, -1.0]) * up,
-    )
+    peaks = np.array([0, a.cupids_bow / up, -0.08, -0.47, -0.84, -1.0]) * up
+    top = curve([0, bow, 0.45, 0.75, 0.93, 1], peaks)
     top = y["labrale_superius"] + top + (corner_y + 0.5 - y["stomion"]) * s**6
     bottom = curve([0, 0.3, 0.6, 0.85, 1], np.array([0, 0.0, 0.14, 0.55, 1.0]) * low)
     bottom = y["labrale_inferius"] + bottom + (corner_y - 0.5 - y["stomion"]) * s**6
@@ -132,14 +130,12 @@ def mouth_points(a, loop, theta):
         return np.stack([x, border_y, border_z], -1)
     if loop == "vermilion":
         swell = np.where(upper, a.upper_lip_fullness, a.lower_lip_fullness) * thin
-        tubercle = np.where(
-            upper, 0.5 * np.exp(-((s / 0.13) ** 2)), -0.2 * np.exp(-((s / 0.2) ** 2))
-        )
+        above, below = 0.5 * np.exp(-((s / 0.13) ** 2)), -0.2 * np.exp(-((s / 0.2) ** 2))
+        tubercle = np.where(upper, above, below)
         share = np.where(upper, 0.48, 0.45)
         yy = line + gap + share * (border_y - line)
-        zz = np.where(upper, 0.65, 0.75) * border_z + np.where(upper, 0.35, 0.25) * (
-            z_line + 4.0 * thin
-        )
+        inner = np.where(upper, 0.35, 0.25) * (z_line + 4.0 * thin)
+        zz = np.where(upper, 0.65, 0.75) * border_z + inner
         return np.stack([x, yy, zz + swell + tubercle], -1)
     if loop == "contact":
         return np.stack([x, line + gap, z_line + 0.4 * thin], -1)
@@ -235,9 +231,8 @@ def eye_points(a, loop, theta):
     if loop == "tuck":  # the web of the inner canthus (caruncle) covers the edge of the ball
         x = x + (1 - s) ** 8 * (eyeball_centre(a)[0] - 0.83 * a.eyeball_radius - inner[0])
     # away from the margin the lid leaves the ball more and more for the rim of the orbit
-    limb, slope, power = {"tarsus": (0.72, 1.0, 4), "crease": (0.62, 0.8, 3)}.get(
-        loop, (0.8, 1.25, 5)
-    )
+    leaves = {"tarsus": (0.72, 1.0, 4), "crease": (0.62, 0.8, 3)}
+    limb, slope, power = leaves.get(loop, (0.8, 1.25, 5))
     z = _ball_depth(a, x, y, a.eyeball_radius + radius, limb, slope)
     z = z + {"tarsus": 1.0, "crease": 2.2}.get(loop, 0.0) * height * (1 - s) ** 1.3
     # near the canthi the lids leave the ball for the corners of the orbit
@@ -261,56 +256,29 @@ def orbit_points(a):
     lateral = 0.5 * a.frontal_width
     sulcus = 0.5 * (a.palpebral_height_upper + a.lid_crease_height + top)
     ridge = a.brow_ridge
-    bone = 0.6 * (a.glabella_depth - 24.5) + 0.5 * ridge  # the fold hangs from the brow
+    glabella, deep = a.glabella_depth, a.orbit_depth
+    bone = 0.6 * (glabella - 24.5) + 0.5 * ridge  # the fold hangs from the brow
     hang = 0.35 * a.epicanthus
+    nasion = 0.5 * (a.nasion_height + a.glabella_height)
     return [
-        (
-            "brow_medial",
-            (0.21 * a.frontal_width * 0.55, top - 3.0, a.glabella_depth - 2.8 + 0.3 * ridge),
-            (13.5, 18.5),
-        ),
-        ("brow_middle", (0.46 * lateral, top - 0.5, a.glabella_depth - 6.2 + ridge), (29.5, 21.0)),
-        ("brow_peak", (0.74 * lateral, top, a.glabella_depth - 14.3 + ridge), (46.0, 21.5)),
-        (
-            "brow_tail",
-            (0.95 * lateral, top - a.brow_tail_drop, a.glabella_depth - 26.6 + 0.6 * ridge),
-            (67.0, 15.5),
-        ),
-        (
-            "orbit_roof_medial",
-            (0.5 * (inner[0] + centre) - 3.5, 0.85 * sulcus, 17.6 + bone - 0.7 * a.orbit_depth),
-            (24.0, 13.5),
-        ),
-        (
-            "orbit_roof",
-            (centre, sulcus + 0.4, 16.1 + bone + 0.8 * fold - a.orbit_depth),
-            (38.5, 16.3),
-        ),
-        (
-            "orbit_roof_lateral",
-            (
-                0.35 * centre + 0.65 * outer[0],
-                0.95 * sulcus,
-                11.9 + bone + fold - 0.6 * a.orbit_depth,
-            ),
-            (52.0, 14.0),
-        ),
+        ("brow_medial", (0.21 * a.frontal_width * 0.55, top - 3.0, glabella - 2.8 + 0.3 * ridge),
+         (13.5, 18.5)),
+        ("brow_middle", (0.46 * lateral, top - 0.5, glabella - 6.2 + ridge), (29.5, 21.0)),
+        ("brow_peak", (0.74 * lateral, top, glabella - 14.3 + ridge), (46.0, 21.5)),
+        ("brow_tail", (0.95 * lateral, top - a.brow_tail_drop, glabella - 26.6 + 0.6 * ridge),
+         (67.0, 15.5)),
+        ("orbit_roof_medial",
+         (0.5 * (inner[0] + centre) - 3.5, 0.85 * sulcus, 17.6 + bone - 0.7 * deep), (24.0, 13.5)),
+        ("orbit_roof", (centre, sulcus + 0.4, 16.1 + bone + 0.8 * fold - deep), (38.5, 16.3)),
+        ("orbit_roof_lateral",
+         (0.35 * centre + 0.65 * outer[0], 0.95 * sulcus, 11.9 + bone + fold - 0.6 * deep),
+         (52.0, 14.0)),
         ("orbit_lateral", (outer[0] + 4.0, outer[1] + 3.5, 1.0), (65.0, 5.0)),
-        (
-            "canthus_medial",
-            (inner[0] - 3.0, inner[1] + 0.5 - hang, 10.0 + 0.7 * a.epicanthus),
-            (13.0, -1.5),
-        ),
-        (
-            "root_wall",
-            (
-                0.58 * a.nose_root_width,
-                0.5 * (a.nasion_height + a.glabella_height) - 1.5,
-                18.3 + bone + 0.15 * (a.nasion_depth - 20.5) - 0.3 * a.orbit_depth,
-            ),
-            (12.7, 11.0),
-        ),
+        ("canthus_medial", (inner[0] - 3.0, inner[1] + 0.5 - hang, 10.0 + 0.7 * a.epicanthus),
+         (13.0, -1.5)),
+        ("root_wall", (0.58 * a.nose_root_width, nasion - 1.5,
+                       18.3 + bone + 0.15 * (a.nasion_depth - 20.5) - 0.3 * deep), (12.7, 11.0)),
         ("lower_sulcus_medial", (inner[0] + 3.0, -11.0, 11.8), (22.0, -13.5)),
         ("lower_sulcus", (centre, -13.0, 12.8), (38.0, -15.5)),
         ("lower_sulcus_lateral", (0.4 * centre + 0.6 * outer[0], -10.0, 8.8), (53.5, -13.0)),
-    ]
+    ]  # fmt: skip

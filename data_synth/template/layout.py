@@ -5,32 +5,13 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
-from threadpoolctl import ThreadpoolController
 
 from data_synth.anatomy import Anatomy
-from data_synth.template.features import (
-    EYE_CENTRE_U,
-    EYE_LATERAL,
-    MOUTH_V,
-    eye_layout,
-    mouth_layout,
-)
+from data_synth.template import features, plane
 from data_synth.template.lines import Lines, border_line, edge_length
 from data_synth.template.parts import loop_landmarks
-from data_synth.template.plane import (
-    choose_spread,
-    encroaches,
-    flip_edges,
-    ghosts_beside,
-    inside,
-    recover_edges,
-    relax,
-    triangulate,
-)
 from data_synth.template.surface import Surface, kernel_basis
-
-one_thread = ThreadpoolController().wrap(limits=1)
-"""The last digit of a sum depends on the number of threads, and the mesh on the last digit."""
+from facelab.numeric.threads import single_threaded
 
 _RELAX = 16  # rounds
 _GRID = 0.7  # layout mm between candidates
@@ -48,7 +29,7 @@ class _Sheet:
         u, v = np.arange(-4.0, 152.0), np.arange(-142.0, 68.0)
         places = np.stack(np.meshgrid(np.abs(u), v, indexing="ij"), -1).reshape(-1, 2)
         points = np.zeros((len(places), 3))
-        near = inside(places, 1.1 * border_line())  # some room around, for the splines
+        near = plane.inside(places, 1.1 * border_line())  # some room around, for the splines
         points[near] = Surface(Anatomy())(places[near])
         grid = points.reshape(len(u), len(v), 3)
         grid[u < 0.0, :, 0] *= -1.0
@@ -91,11 +72,12 @@ def _candidates(sheet, n_vertices):
     """Places where a vertex may be, their wanted edge length as a share, and the largest in mm."""
     rng = np.random.default_rng(0)
     theta = np.linspace(0.0, np.pi, 200)
-    mouth = np.vstack([mouth_layout("roll", theta), [[-1.0, MOUTH_V]]])
-    eye = eye_layout("tuck", 2.0 * theta[:-1])
+    mouth = np.vstack([features.mouth_layout("roll", theta), [[-1.0, features.MOUTH_V]]])
+    eye = features.eye_layout("tuck", 2.0 * theta[:-1])
     grid = np.stack(np.meshgrid(np.arange(0.35, 150.0, _GRID), np.arange(-140.0, 65.0, _GRID)), -1)
     grid = grid.reshape(-1, 2) + rng.uniform(-0.3, 0.3, (grid.size // 2, 2))
-    grid = grid[inside(grid, border_line()) & ~inside(grid, mouth) & ~inside(grid, eye)]
+    inside, *openings = (plane.inside(grid, line) for line in (border_line(), mouth, eye))
+    grid = grid[inside & ~np.any(openings, axis=0)]
     size = edge_length(grid)
     # area element of the map, to know how many points a given edge length needs
     area = np.linalg.norm(np.cross(sheet(grid, du=1), sheet(grid, dv=1)), axis=1)
@@ -106,31 +88,32 @@ def _candidates(sheet, n_vertices):
 
 
 @lru_cache(maxsize=8)
-@one_thread
+@single_threaded  # the last digit of a sum depends on their number, and the mesh on that digit
 def layout_mesh(n_vertices):
     """Even triangles over the left half for n_vertices in all: Layout."""
     sheet = _Sheet()
     grid, size, h = _candidates(sheet, n_vertices)
     lines = Lines(sheet, h, n_vertices)
-    clear = ~encroaches(grid, lines.all)
+    clear = ~plane.encroaches(grid, lines.all)
     # no room for more where lips and lids meet
-    for corner in ([26.4, MOUTH_V], [EYE_CENTRE_U + EYE_LATERAL - 2.6, 0.0]):
+    canthus = features.EYE_CENTRE_U + features.EYE_LATERAL - 2.6
+    for corner in ([26.4, features.MOUTH_V], [canthus, 0.0]):
         clear &= np.linalg.norm(grid - corner, axis=1) > 1.6
     grid, size = grid[clear], size[clear]
-    n_free = lines.n_half - len(lines.places)
-    chosen = choose_spread(sheet.apart(grid), 0.8 * h * size, sheet.apart(lines.places), n_free)
+    taken, n_free = sheet.apart(lines.places), lines.n_half - len(lines.places)
+    chosen = plane.choose_spread(sheet.apart(grid), 0.8 * h * size, taken, n_free)
     places = np.vstack([lines.places, grid[chosen]])
     kept = lines.edge_keys(len(places))
-    ghosts = ghosts_beside(lines.rims, lines.outer)
-    faces = triangulate(places, lines.outline, lines.holes, ghosts)
-    faces = recover_edges(faces, kept, len(places))
+    ghosts = plane.ghosts_beside(lines.rims, lines.outer)
+    faces = plane.triangulate(places, lines.outline, lines.holes, ghosts)
+    faces = plane.recover_edges(faces, kept, len(places))
     free = np.arange(len(places)) >= len(lines.places)
     wanted = edge_length(places)
     for k in range(_RELAX):
         points = sheet(places)
-        faces = flip_edges(points, places, faces, kept, rounds=12 if k == 0 else 4)
-        places = relax(points, places, faces, free, wanted)
-    faces = flip_edges(sheet(places), places, faces, kept, rounds=20)
+        faces = plane.flip_edges(points, places, faces, kept, rounds=12 if k == 0 else 4)
+        places = plane.relax(points, places, faces, free, wanted)
+    faces = plane.flip_edges(sheet(places), places, faces, kept, rounds=20)
     spots = [number for number, place in lines.marks.items() if place[0] > 0.0]
     landmarks = dict(zip(spots, lines.index["marks"], strict=True)) | loop_landmarks(lines, sheet)
     return Layout(places, faces, lines.ordered, landmarks, kernel_basis(places))

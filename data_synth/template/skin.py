@@ -183,6 +183,9 @@ def midline_points(a):
     tip = (y["pronasale"], a.subnasale_depth + forward)
     root = z["nasion"]
 
+    def between(one, two, bulge):
+        return 0.5 * (y[one] + y[two]), 0.5 * (z[one][1] + z[two][1]) + bulge
+
     def dorsum(t, convexity):
         height, depth = (root[i] + t * (tip[i] - root[i]) for i in range(2))
         return height, depth + convexity
@@ -196,18 +199,12 @@ def midline_points(a):
     z["infratip"] = (tip[0] - 6.0, tip[1] - 2.0)
     z["columella"] = (y["subnasale"] + 1.9, a.subnasale_depth + 0.42 * forward)
     z["subspinale"] = (y["subnasale"] - 1.5, a.subnasale_depth - 0.4)
-    z["philtrum"] = (
-        y["subnasale"] - 0.55 * a.philtrum_length,
-        0.5 * (a.subnasale_depth + a.labrale_superius_depth) - 0.8 - a.philtrum_depth,
-    )
-    z["frontal"] = (0.5 * (y["metopion"] + y["glabella"]), 0.5 * (a.metopion_depth
-                    + a.glabella_depth) + 0.2)  # fmt: skip
-    z["hairline"] = (0.5 * (y["trichion"] + y["metopion"]), 0.5 * (a.trichion_depth
-                     + a.metopion_depth) + 1.2)  # fmt: skip
-    z["chin_pad"] = (
-        0.55 * y["pogonion"] + 0.45 * y["menton"],
-        0.75 * a.pogonion_depth + 0.25 * a.menton_depth + 1.2,
-    )
+    hollow = 0.5 * (a.subnasale_depth + a.labrale_superius_depth) - 0.8 - a.philtrum_depth
+    z["philtrum"] = (y["subnasale"] - 0.55 * a.philtrum_length, hollow)
+    z["frontal"] = between("metopion", "glabella", 0.2)
+    z["hairline"] = between("trichion", "metopion", 1.2)
+    pad = 0.75 * a.pogonion_depth + 0.25 * a.menton_depth + 1.2
+    z["chin_pad"] = (0.55 * y["pogonion"] + 0.45 * y["menton"], pad)
     full = a.submental_fullness
     z["submentale"] = (y["menton"] - 4.0 - 0.6 * full, a.menton_depth - 14.0)
     z["cervicale"] = (y["menton"] - 5.5 - full, a.menton_depth - 25.0)

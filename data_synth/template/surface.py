@@ -11,28 +11,8 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import lu_factor, lu_solve
 
 from data_synth.anatomy import Anatomy
-from data_synth.template.features import (
-    EYE_LOOPS,
-    MOUTH_LOOPS,
-    NOSTRIL_LOOPS,
-    eye_layout,
-    eye_points,
-    mouth_layout,
-    mouth_points,
-    nose_points,
-    nostril_layout,
-    nostril_points,
-    orbit_points,
-)
+from data_synth.template import features, skin
 from data_synth.template.plane import arc_length
-from data_synth.template.skin import (
-    MIDLINE_V,
-    SKIN_POINTS,
-    fold_depths,
-    midline_points,
-    skin_layout,
-    skin_points,
-)
 
 
 def _between(named):
@@ -45,11 +25,15 @@ def _between(named):
 
 def _loops(anatomy):
     """Points on the loops of mouth, nostrils and eyes: (group, loop, place, point, stiffness)."""
-    turn = 2.0 * np.pi
+
+    def around(n):
+        return 2.0 * np.pi * np.arange(n) / n
+
+    f = features
     for group, loops, layout, points, theta, give in (
-        ("mouth", MOUTH_LOOPS, mouth_layout, mouth_points, np.linspace(0.0, np.pi, 21), 0.0),
-        ("nostril", NOSTRIL_LOOPS, nostril_layout, nostril_points, turn * np.arange(10) / 10, 0.5),
-        ("eye", EYE_LOOPS, eye_layout, eye_points, turn * np.arange(28) / 28, 0.0),
+        ("mouth", f.MOUTH_LOOPS, f.mouth_layout, f.mouth_points, np.linspace(0, np.pi, 21), 0.0),
+        ("nostril", f.NOSTRIL_LOOPS, f.nostril_layout, f.nostril_points, around(10), 0.5),
+        ("eye", f.EYE_LOOPS, f.eye_layout, f.eye_points, around(28), 0.0),
     ):
         for loop in loops:
             for place, point in zip(layout(loop, theta), points(anatomy, loop, theta), strict=True):
@@ -75,15 +59,17 @@ def control_points(anatomy):
     stiffness : ndarray of shape (n,)
         0 where the surface must pass, more where it may pass nearby.
     """
-    mean = midline_points(Anatomy())
+    mean = skin.midline_points(Anatomy())
     rows = [
-        ("midline", name, (0.0, MIDLINE_V.get(name, mean[name][0])), (0.0, y, z), 2.0)
-        for name, (y, z) in midline_points(anatomy).items()
+        ("midline", name, (0.0, skin.MIDLINE_V.get(name, mean[name][0])), (0.0, y, z), 2.0)
+        for name, (y, z) in skin.midline_points(anatomy).items()
     ]
-    skin = zip(SKIN_POINTS, skin_layout(), skin_points(anatomy), strict=True)
-    rows += [("skin", name, place, point, 700.0) for name, place, point in skin]
-    rows += [("nose", name, place, point, 1.0) for name, point, place in nose_points(anatomy)]
-    orbit = orbit_points(anatomy)
+    own = zip(skin.SKIN_POINTS, skin.skin_layout(), skin.skin_points(anatomy), strict=True)
+    rows += [("skin", name, place, point, 700.0) for name, place, point in own]
+    rows += [
+        ("nose", name, place, point, 1.0) for name, point, place in features.nose_points(anatomy)
+    ]
+    orbit = features.orbit_points(anatomy)
     rows += [("orbit", name, place, point, 60.0) for name, point, place in orbit]
     for line in ("brow_", "orbit_roof", "lower_sulcus"):
         own = [row for row in orbit if row[0].startswith(line)]
@@ -137,7 +123,7 @@ class Surface:
             points = np.vstack([self._smooth(places[i : i + 500]) for i in cut])
         else:
             points = self._smooth(places, basis)
-        return points + fold_depths(self.anatomy, places)
+        return points + skin.fold_depths(self.anatomy, places)
 
     def _smooth(self, places, basis=None):
         direct, across = basis if basis is not None else kernel_basis(places)

@@ -21,8 +21,8 @@ def load_capture(actor, size="default", random_state=0, root=None, progress=True
     random_state : int, default=0
         All that happens follows from it; the actors' faces and manners do not change.
     root : str or Path, optional
-        Where it is kept; else `cache_dir()`. One that is incomplete, damaged or out of date is
-        made again.
+        Where it is kept; else `cache_dir()`, or a temporary folder, with a warning, where that
+        cannot be written. One that is incomplete, damaged or out of date is made again.
     progress : bool, default=True
         Show a progress bar while it is made.
 
@@ -39,7 +39,9 @@ def load_capture(actor, size="default", random_state=0, root=None, progress=True
     """
     from data_synth.capture import open_capture  # the one place where facelab asks for the actors
 
-    return open_capture(actor, root or cache_dir(), size, random_state, progress)
+    return open_capture(
+        actor, root or cache_dir(), size, random_state, progress, spare=root is None
+    )
 
 
 def load_template(n_vertices=8820):

@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_limits
 from trimesh.registration import nricp_amberg
 
 import facelab
+from data_synth.action_units import actor_rig
 from data_synth.actors import ACTORS
-from data_synth.capture import actor_rig
 from data_synth.template import build_template
 from facelab.data.cache import DataUnavailable
 from facelab.geometry.alignment import procrustes

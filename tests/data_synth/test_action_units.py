@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from data_synth.action_units import action_rig, actor_rig
+from data_synth.action_units import ActionUnitRig, actor_rig
 from data_synth.actors import ACTORS, Style
 from data_synth.articulation import JAW
 from data_synth.compare_scan import compare
@@ -21,7 +21,7 @@ PRESSING = (
 
 @pytest.fixture(scope="module")
 def rig():
-    return action_rig(build_template())
+    return ActionUnitRig(build_template())
 
 
 @pytest.fixture(scope="module")
@@ -284,7 +284,7 @@ def test_a_name_without_a_side_is_both_sides(rig):
 
 
 def test_skin_of_different_stiffness_answers_in_different_shapes(rig):
-    slack = action_rig(rig.template, ACTORS["M2"].style)
+    slack = ActionUnitRig(rig.template, ACTORS["M2"].style)
     a, b = (r.deltas.reshape(40, -1) for r in (rig, slack))
     cosines = (a * b).sum(1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
     assert cosines.min() < 0.97  # not only amplitude
@@ -321,7 +321,7 @@ def test_bad_weights_and_vertices_are_refused(rig):
     with pytest.raises(ValueError, match=r"3 or more"):
         rig.unit_sequence("AU1", n_frames=2)
     with pytest.raises(TypeError, match=r"style"):
-        action_rig(rig.template, "soft")
+        ActionUnitRig(rig.template, "soft")
     assert Style() == Style(spread=1.0)
 
 
