@@ -5,8 +5,8 @@ import resource
 import sys
 import time
 
+from data_synth.actors import ACTORS
 from data_synth.capture import SIZES, open_capture
-from data_synth.performance import ACTORS
 
 
 def main(arguments=None):

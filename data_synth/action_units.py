@@ -13,73 +13,19 @@ outward); the right side is its mirror.
 A unit alone gives the displacement d_i of Yu and Liu (2014, Eq. 1); together they are not a sum.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
 
+from data_synth.actors import ACTORS, Style
 from data_synth.articulation import Contact, Jaw, Lids
-from data_synth.identity import ACTORS
 from data_synth.muscles import Fold, Linear, Lips, Orbicularis, Pad, Sheet, Skin, ease
 from data_synth.template import build_template
 from data_synth.units import UNITS, expand
 from facelab.checks import as_finite, as_indices, check_choice, check_index
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.rig import BlendshapeRig
-
-
-@dataclass(frozen=True)
-class Style:
-    """How one person's skin answers to the muscles; factors without unit unless said otherwise.
-
-    Attributes
-    ----------
-    spread : float
-        Reach of every pull: low for firm, high for slack skin.
-    bulge : float
-        Thickness of the fat pads that swell where skin is pushed together.
-    fold : float
-        Depth of folds and wrinkles; grows with age.
-    smile : float
-        Obliquity of the smile, degrees: positive turns the pull of AU12 outward.
-    canine : float
-        Share of the lip levators in the smile (Rubin 1974, the "canine smile"), 0 to 1.
-    glide : float
-        Slide of the condyle along its groove while the jaw opens, mm at 20 degrees.
-    lower_lid : float
-        Share of the lower lid in closing the eye, 0 to 0.4.
-    lip_give : float
-        Share of the way that the upper lip gives when the lips press together, 0 to 1.
-    variation : float
-        How much the muscles themselves differ from the average, in strength, direction and
-        extent (standard deviation as a share).
-    variant : int
-        Which draw of that variation.
-    """
-
-    spread: float = 1.0
-    bulge: float = 1.0
-    fold: float = 1.0
-    smile: float = 0.0
-    canine: float = 0.15
-    glide: float = 5.0
-    lower_lid: float = 0.15
-    lip_give: float = 0.55
-    variation: float = 0.0
-    variant: int = 0
-
-
-STYLES = {
-    "M1": Style(spread=0.93, bulge=0.9, fold=1.1, smile=6.0, canine=0.1, glide=6.0,
-                lower_lid=0.12, variation=0.2, variant=1),
-    "F1": Style(spread=0.85, bulge=1.0, fold=0.6, smile=-6.0, canine=0.3, glide=4.0,
-                lower_lid=0.2, lip_give=0.45, variation=0.2, variant=2),
-    "M2": Style(spread=1.17, bulge=1.25, fold=1.6, smile=10.0, canine=0.0, glide=5.0,
-                lower_lid=0.1, lip_give=0.6, variation=0.2, variant=3),
-    "F2": Style(spread=1.05, bulge=1.3, fold=0.85, smile=-2.0, canine=0.2, glide=3.5,
-                lower_lid=0.22, variation=0.2, variant=4),
-}  # fmt: skip
-"""The four actors' skin: a man of 35, a woman of 25, a man of 55, a woman of 40."""
 
 # Places on the left side: a landmark, and an offset from it in mm on the average face.
 _CORNER, _ALA = "mouth_corner_left", "nostril_left_outer"
@@ -502,18 +448,14 @@ class _Part:
         return (1.0 + over / (1.0 + over)) / (1.0 + over)
 
 
-def action_rig(template, style=None):
-    """The forty action units of a face; see `ActionUnitRig`."""
-    return ActionUnitRig(template, style)
-
-
 @lru_cache(maxsize=8)
 def actor_rig(actor, n_vertices=8820):
     """The rig of one of the four actors, made once and kept.
 
     Parameters
     ----------
-    actor : {"M1", "F1", "M2", "F2"}
+    actor : str
+        One of `data_synth.actors.ACTORS`.
     n_vertices : int, default=8820
         Density of the template.
 
@@ -527,4 +469,4 @@ def actor_rig(actor, n_vertices=8820):
         For an unknown actor.
     """
     check_choice(actor, "actor", tuple(ACTORS))
-    return ActionUnitRig(build_template(ACTORS[actor], n_vertices), STYLES[actor])
+    return ActionUnitRig(build_template(ACTORS[actor].anatomy, n_vertices), ACTORS[actor].style)

@@ -136,7 +136,7 @@ class Anatomy:
             if not low <= value <= high:  # also catches NaN
                 problems.append(f"{field.name}={value!r} is outside [{low:g}, {high:g}]")
         if not problems:
-            problems = [text for bad, text in self._contradictions() if bad]
+            problems = list(self._contradictions())
         if problems:
             raise ValueError(
                 "impossible anatomy: "
@@ -145,99 +145,56 @@ class Anatomy:
             )
 
     def _contradictions(self):
+        """What cannot be built together, in words."""
         fissure = 0.5 * (self.biocular_width - self.intercanthal_width)
         outer = 0.5 * (self.biocular_width - self.interpupillary_distance)
         inner = 0.5 * (self.interpupillary_distance - self.intercanthal_width)
-        return [
-            (
-                not 22.0 <= fissure <= 36.0,
+        if not 22.0 <= fissure <= 36.0:
+            yield (
                 f"palpebral fissure of {fissure:g} mm from biocular_width={self.biocular_width!r} "
-                f"and intercanthal_width={self.intercanthal_width!r} is outside [22, 36]",
-            ),
-            (
-                min(outer, inner) < 0.75 * self.eyeball_radius,
+                f"and intercanthal_width={self.intercanthal_width!r} is outside [22, 36]"
+            )
+        if min(outer, inner) < 0.75 * self.eyeball_radius:
+            yield (
                 f"interpupillary_distance={self.interpupillary_distance!r} puts the eyeball "
-                "outside its lids; keep it near the mean of biocular_width and "
-                "intercanthal_width",
-            ),
-            (
-                self.bigonial_width > 0.97 * self.bizygomatic_width,
-                f"bigonial_width={self.bigonial_width!r} must stay below 0.97 * "
-                f"bizygomatic_width={self.bizygomatic_width!r}",
-            ),
-            (
-                self.bitemporal_width < self.bizygomatic_width,
-                f"bitemporal_width={self.bitemporal_width!r} must not be less than "
-                f"bizygomatic_width={self.bizygomatic_width!r}",
-            ),
-            (
-                self.nose_width > 0.9 * self.mouth_width,
-                f"nose_width={self.nose_width!r} must stay below 0.9 * "
-                f"mouth_width={self.mouth_width!r}",
-            ),
-            (
-                self.nose_tip_width > 0.62 * self.nose_width,
-                f"nose_tip_width={self.nose_tip_width!r} must stay below 0.62 * "
-                f"nose_width={self.nose_width!r}",
-            ),
-            (
-                self.nose_tip_height > 0.8 * self.nasal_protrusion,
-                f"nose_tip_height={self.nose_tip_height!r} must stay below 0.8 * "
-                f"nasal_protrusion={self.nasal_protrusion!r}",
-            ),
-            (
-                self.brow_height < self.palpebral_height_upper + self.lid_crease_height + 6.0,
+                "outside its lids; keep it near the mean of biocular_width and intercanthal_width"
+            )
+        for name, share, other in _AT_MOST:
+            value, limit = getattr(self, name), getattr(self, other)
+            if value > share * limit:
+                yield f"{name}={value!r} must stay below {share:g} * {other}={limit!r}"
+        if self.brow_height < self.palpebral_height_upper + self.lid_crease_height + 6.0:
+            yield (
                 f"brow_height={self.brow_height!r} leaves no room for the upper lid; raise it or "
-                f"lower lid_crease_height={self.lid_crease_height!r}",
-            ),
-        ]
+                f"lower lid_crease_height={self.lid_crease_height!r}"
+            )
 
 
 # Limits for measurements whose default is small or zero, where a share of it says nothing.
 _SPECIAL_LIMITS = {
-    "upper_vermilion_height": (3.5, 13.0),
-    "lower_vermilion_height": (4.5, 15.0),
-    "labiomental_height": (4.0, 13.0),
-    "trichion_depth": (0.0, 28.0),
-    "menton_depth": (5.0, 30.0),
-    "upper_lip_fullness": (0.0, 4.0),
-    "lower_lip_fullness": (0.0, 5.0),
-    "palpebral_height_upper": (2.5, 7.0),
-    "palpebral_height_lower": (2.5, 7.0),
-    "canthal_tilt": (-4.0, 12.0),
-    "nasion_height": (0.0, 11.0),
-    "endocanthion_depth": (4.0, 12.0),
-    "exocanthion_depth": (-3.0, 7.0),
-    "lid_thickness": (1.2, 3.0),
-    "lid_crease_height": (2.0, 7.5),
-    "lid_crease_depth": (0.0, 2.0),
-    "lid_fold": (0.0, 3.0),
-    "epicanthus": (0.0, 1.0),
-    "eye_bag": (0.0, 4.0),
-    "tear_trough": (-1.0, 3.0),
-    "orbit_depth": (-4.0, 4.0),
-    "brow_tail_drop": (0.0, 11.0),
-    "brow_ridge": (-3.0, 4.0),
-    "nose_tip_height": (5.0, 16.0),
-    "rhinion_convexity": (-3.0, 4.0),
-    "columella_show": (0.0, 5.0),
-    "alar_bulge": (0.0, 2.5),
-    "nostril_depth": (2.0, 9.0),
-    "cheilion_depth": (10.0, 26.0),
-    "cheilion_drop": (-2.0, 4.0),
-    "cupids_bow": (0.0, 3.0),
-    "philtrum_depth": (0.0, 2.5),
-    "lip_gap": (0.2, 3.0),
-    "malar_prominence": (-5.0, 5.0),
-    "cheek_fullness": (-7.0, 7.0),
-    "temple_hollow": (-4.0, 6.0),
-    "nasolabial_fold": (-0.5, 3.0),
-    "marionette_fold": (-0.5, 2.5),
-    "jowl": (-2.0, 6.0),
-    "gonial_flare": (-5.0, 6.0),
-    "submental_fullness": (-4.0, 8.0),
-    "chin_cleft": (0.0, 2.0),
-}
+    "upper_vermilion_height": (3.5, 13.0), "lower_vermilion_height": (4.5, 15.0),
+    "labiomental_height": (4.0, 13.0), "trichion_depth": (0.0, 28.0), "menton_depth": (5.0, 30.0),
+    "upper_lip_fullness": (0.0, 4.0), "lower_lip_fullness": (0.0, 5.0),
+    "palpebral_height_upper": (2.5, 7.0), "palpebral_height_lower": (2.5, 7.0),
+    "canthal_tilt": (-4.0, 12.0), "nasion_height": (0.0, 11.0), "endocanthion_depth": (4.0, 12.0),
+    "exocanthion_depth": (-3.0, 7.0), "lid_thickness": (1.2, 3.0), "lid_crease_height": (2.0, 7.5),
+    "lid_crease_depth": (0.0, 2.0), "lid_fold": (0.0, 3.0), "epicanthus": (0.0, 1.0),
+    "eye_bag": (0.0, 4.0), "tear_trough": (-1.0, 3.0), "orbit_depth": (-4.0, 4.0),
+    "brow_tail_drop": (0.0, 11.0), "brow_ridge": (-3.0, 4.0), "nose_tip_height": (5.0, 16.0),
+    "rhinion_convexity": (-3.0, 4.0), "columella_show": (0.0, 5.0), "alar_bulge": (0.0, 2.5),
+    "nostril_depth": (2.0, 9.0), "cheilion_depth": (10.0, 26.0), "cheilion_drop": (-2.0, 4.0),
+    "cupids_bow": (0.0, 3.0), "philtrum_depth": (0.0, 2.5), "lip_gap": (0.2, 3.0),
+    "malar_prominence": (-5.0, 5.0), "cheek_fullness": (-7.0, 7.0), "temple_hollow": (-4.0, 6.0),
+    "nasolabial_fold": (-0.5, 3.0), "marionette_fold": (-0.5, 2.5), "jowl": (-2.0, 6.0),
+    "gonial_flare": (-5.0, 6.0), "submental_fullness": (-4.0, 8.0), "chin_cleft": (0.0, 2.0),
+}  # fmt: skip
+
+# One measurement, and the share of another that it may not exceed.
+_AT_MOST = (
+    ("bigonial_width", 0.97, "bizygomatic_width"), ("bizygomatic_width", 1.0, "bitemporal_width"),
+    ("nose_width", 0.9, "mouth_width"), ("nose_tip_width", 0.62, "nose_width"),
+    ("nose_tip_height", 0.8, "nasal_protrusion"),
+)  # fmt: skip
 
 
 def _limits(name, default):

@@ -1,4 +1,4 @@
-"""Faces and action units against those of a scanned face: `python -m data_synth.compare_scan`.
+"""Faces and action units against those of a scanned face.
 
 The scan is laid over the synthetic face by a similarity of the 68 landmarks and a smooth warp
 through them. At each synthetic vertex with a partner on the scan the two displacements are
@@ -13,10 +13,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
-from data_synth.action_units import action_rig
-from data_synth.template import build_template
 from data_synth.units import UNIT_TABLE
-from facelab.data.ict import load_ict_facekit
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.closest import closest_points
 from facelab.geometry.mesh import MULTI_PIE
@@ -105,23 +102,20 @@ def distances(mesh, scan):
     return np.linalg.norm(places - mesh.vertices, axis=1)
 
 
-def compare(rig=None, scan=None):
+def compare(rig, scan):
     """Compare every unit that has a counterpart with it.
 
     Parameters
     ----------
-    rig : ActionUnitRig, optional
-        The average synthetic face if left out.
-    scan : BlendshapeRig, optional
-        `facelab.load_ict_facekit()` if left out.
+    rig : ActionUnitRig
+    scan : BlendshapeRig
+        As `facelab.load_ict_facekit()` gives it.
 
     Returns
     -------
     list of Comparison
         In the order of the units; those without a counterpart are left out.
     """
-    rig = action_rig(build_template()) if rig is None else rig
-    scan = load_ict_facekit() if scan is None else scan
     vertices, partners, shares, turn = correspondence(rig, scan)
     third = np.repeat(rig.neutral.face_areas / 3.0, 3)
     area = np.bincount(rig.neutral.faces.ravel(), third, rig.neutral.n_vertices)[vertices]
@@ -148,17 +142,3 @@ def _cosine(a, b, weight):
     """Cosine of two displacement fields (n, 3) under vertex weights (n,)."""
     dot = np.einsum("v,vd,vd->", weight, a, b)
     return float(dot / np.sqrt((weight @ (a**2)).sum() * (weight @ (b**2)).sum()))
-
-
-def main():
-    """Print the table and its median."""
-    rows = compare()
-    print(f"{'unit':6s} {'cosine':>6s} {'peak':>6s} {'scan':>6s}  mm, shapes of the scan")
-    for r in rows:
-        ours, theirs = r.peaks
-        print(f"{r.unit:6s} {r.cosine:6.2f} {ours:6.1f} {theirs:6.1f}  {' + '.join(r.shapes)}")
-    print(f"median cosine of {len(rows)} units: {np.median([r.cosine for r in rows]):.2f}")
-
-
-if __name__ == "__main__":
-    main()

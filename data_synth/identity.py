@@ -1,66 +1,11 @@
-"""The four actors, and others drawn at random around them.
-
-Two sexes and two population averages; each actor is the average of its group with its own
-deviations, so that they differ in proportion and not only in size.
-"""
+"""Other people than the actors, drawn at random around them."""
 
 from dataclasses import fields, replace
 
 import numpy as np
 
+from data_synth.actors import ACTORS
 from data_synth.anatomy import Anatomy
-
-ACTORS = {
-    # European man of about 35: long face, high narrow nose, strong brow and jaw
-    "M1": Anatomy(
-        bizygomatic_width=140.0, bigonial_width=112.0, chin_width=48.0, forehead_height=58.0,
-        nose_height=54.0, nasal_protrusion=21.5, rhinion_convexity=1.8, brow_ridge=1.2,
-        brow_height=19.5, lid_crease_height=3.9, chin_height=30.0, pogonion_depth=30.0,
-        gonial_flare=1.5, cheek_fullness=-1.5, mouth_width=54.0, upper_vermilion_height=6.6,
-        nasolabial_fold=0.9,
-    ),
-    # European woman of about 25: short lower face, fine nose, full lips, open eyes
-    "F1": Anatomy(
-        bizygomatic_width=131.0, bigonial_width=97.0, bitemporal_width=139.0,
-        frontal_width=108.0, chin_width=39.0, forehead_height=55.0, nose_height=48.0,
-        nose_width=31.5, nose_tip_width=13.5, nasal_protrusion=18.8, rhinion_convexity=0.2,
-        nose_bridge_width=13.5, glabella_depth=23.5, nasion_depth=19.5, brow_ridge=-1.2,
-        brow_height=23.0, chin_height=24.5, palpebral_height_upper=5.3,
-        upper_vermilion_height=8.8, lower_vermilion_height=10.8, upper_lip_fullness=2.1,
-        lower_lip_fullness=3.0, philtrum_length=13.0, mouth_width=48.5, malar_prominence=1.2,
-        gonial_flare=-1.0, lid_crease_height=4.4,
-    ),
-    # East Asian man of about 60: broad cheekbones and jaw, low bridge, heavy lids, jowls
-    "M2": Anatomy(
-        bizygomatic_width=147.0, bigonial_width=117.0, bitemporal_width=153.0,
-        frontal_width=115.0, chin_width=49.0, forehead_height=57.0, nose_height=53.0,
-        nose_width=39.5, nose_bridge_width=17.5, nasal_protrusion=18.4, nasion_depth=18.0,
-        glabella_depth=24.2, nose_tip_width=18.0, rhinion_convexity=0.2,
-        intercanthal_width=36.5, biocular_width=93.0, interpupillary_distance=65.5,
-        palpebral_height_upper=3.7, palpebral_height_lower=4.1, canthal_tilt=4.5,
-        lid_crease_height=3.2, lid_crease_depth=0.4, lid_fold=2.0, epicanthus=0.9,
-        orbit_depth=-1.2, eye_bag=1.7, tear_trough=0.9, mouth_width=53.0,
-        upper_vermilion_height=5.8, lower_vermilion_height=8.6, malar_prominence=1.0,
-        jowl=2.8, nasolabial_fold=2.1, marionette_fold=1.3, submental_fullness=3.0,
-        philtrum_length=16.8, exocanthion_depth=4.0, temple_hollow=1.2, cheek_fullness=-1.0,
-        nasion_height=4.5,
-    ),
-    # East Asian woman of about 40: round face, gentle profile, short nose, full lips
-    "F2": Anatomy(
-        bizygomatic_width=139.0, bigonial_width=106.0, bitemporal_width=145.0,
-        frontal_width=110.0, chin_width=40.0, forehead_height=57.0, nose_height=48.5,
-        nose_width=36.0, nose_bridge_width=16.0, nasal_protrusion=17.8,
-        nose_tip_height=11.0, nasion_depth=17.0,
-        glabella_depth=22.6, nose_tip_width=16.5, rhinion_convexity=-0.6,
-        intercanthal_width=35.5, biocular_width=89.5, interpupillary_distance=62.5,
-        palpebral_height_upper=4.3, canthal_tilt=5.5, lid_crease_height=3.0,
-        lid_crease_depth=0.3, lid_fold=0.8, epicanthus=0.9, orbit_depth=-1.2, brow_ridge=-0.5,
-        brow_height=23.0, upper_vermilion_height=8.4, lower_vermilion_height=10.4,
-        upper_lip_fullness=2.0, lower_lip_fullness=3.0, mouth_width=48.0, cheek_fullness=2.6,
-        malar_prominence=1.0, chin_height=25.0, pogonion_depth=26.5, exocanthion_depth=4.0,
-        tear_trough=0.2, alar_bulge=1.5, nasion_height=4.5,
-    ),
-}  # fmt: skip
 
 # Measurements that age, in mm between about 25 and 65.
 _AGEING = {
@@ -91,8 +36,8 @@ def random_identity(random_state=None):
         share = rng.dirichlet(np.full(len(ACTORS), 0.8))
         own = {}
         for field in fields(Anatomy):
-            mean = sum(w * getattr(a, field.name) for w, a in zip(share, ACTORS.values(),
-                                                                   strict=True))  # fmt: skip
+            each = [getattr(actor.anatomy, field.name) for actor in ACTORS.values()]
+            mean = sum(w * value for w, value in zip(share, each, strict=True))
             spread = 0.5 if abs(field.default) < 12.0 else 0.035 * abs(field.default)
             if field.name in _STIFF:
                 spread = _STIFF[field.name]

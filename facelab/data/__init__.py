@@ -1,14 +1,16 @@
 """Ready data: faces, takes, captures and actors, made or fetched on first use."""
 
-from facelab.data.actors import load_capture, load_template
-from facelab.data.cache import DataUnavailable, cache_dir
+from facelab.data.actors import ACTORS, load_capture, load_template
+from facelab.data.cache import DataUnavailable, cache_dir, keep_arrays
 from facelab.data.examples import Example, load_example, synthetic_props
 from facelab.data.ict import ICT_AREAS, load_ict_facekit, load_ict_props
 from facelab.data.markers import ANIMFACE_LANDMARKS, MARKERS, load_markers
 from facelab.data.registered import RegisteredActor, load_registered
 from facelab.data.takes import TAKES, load_take
+from facelab.keeping import source_stamp
 
 __all__ = [
+    "ACTORS",
     "ANIMFACE_LANDMARKS",
     "ICT_AREAS",
     "MARKERS",
@@ -17,6 +19,7 @@ __all__ = [
     "Example",
     "RegisteredActor",
     "cache_dir",
+    "keep_arrays",
     "load_capture",
     "load_example",
     "load_ict_facekit",
@@ -25,5 +28,6 @@ __all__ = [
     "load_registered",
     "load_take",
     "load_template",
+    "source_stamp",
     "synthetic_props",
 ]

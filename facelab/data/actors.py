@@ -1,7 +1,11 @@
 """The four synthetic actors."""
 
+from data_synth import actors
 from facelab.data.cache import cache_dir
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+
+ACTORS = tuple(actors.ACTORS)
+"""Their names, in the order in which Fig. 5 of Tena et al. adds them to the training set."""
 
 
 def load_capture(actor, size="default", random_state=0, root=None, progress=True):
@@ -9,15 +13,16 @@ def load_capture(actor, size="default", random_state=0, root=None, progress=True
 
     Parameters
     ----------
-    actor : {"M1", "F1", "M2", "F2"}
+    actor : str
+        One of `ACTORS`: M1, F1, M2 or F2.
     size : {"default", "small"}
         All takes at 120 frames a second (the largest, M1: 120 MB, half a minute), or a few at
         60 on a coarse mesh, for tests.
     random_state : int, default=0
         All that happens follows from it; the actors' faces and manners do not change.
     root : str or Path, optional
-        Where it is kept; else `cache_dir()`. One that is incomplete, damaged or out of date is
-        made again.
+        Where it is kept; else `cache_dir()`, or a temporary folder, with a warning, where that
+        cannot be written. One that is incomplete, damaged or out of date is made again.
     progress : bool, default=True
         Show a progress bar while it is made.
 
@@ -34,7 +39,9 @@ def load_capture(actor, size="default", random_state=0, root=None, progress=True
     """
     from data_synth.capture import open_capture  # the one place where facelab asks for the actors
 
-    return open_capture(actor, root or cache_dir(), size, random_state, progress)
+    return open_capture(
+        actor, root or cache_dir(), size, random_state, progress, spare=root is None
+    )
 
 
 def load_template(n_vertices=8820):

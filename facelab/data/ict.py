@@ -14,11 +14,12 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from facelab.checks import check_choice
-from facelab.data.cache import CACHE_VERSION, cache_dir, download
+from facelab.data.cache import cache_dir, download, keep_arrays
 from facelab.files.obj import read_obj, read_obj_vertices
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.rig import BlendshapeRig
-from facelab.storage import load_npz, save_npz
+
+_VERSION = 1  # of what is parsed and kept
 
 ICT_URL = "https://raw.githubusercontent.com/ICT-VGL/ICT-FaceKit/da5f95a/FaceXModel/"
 
@@ -138,18 +139,19 @@ def _ict_arrays(folder, n_identities):
     else:
         about = [(str(f), f.stat().st_size, f.stat().st_mtime_ns) for f in sorted(folder.iterdir())]
         stamp = hashlib.sha256(repr(about).encode()).hexdigest()[:12]
-    parsed = cache_dir() / f"ict_{stamp}_{n_identities}.npz"
-    if parsed.exists():
-        try:
-            return load_npz(parsed, "ict-facekit", CACHE_VERSION)
-        except ValueError:
-            parsed.unlink()  # half-written or of an older version: made again
 
     def file(name):
         if folder is None:
             return download(ICT_URL, name, checksums[name], cache_dir() / "ICT-FaceKit")
         return folder / name
 
+    return keep_arrays(
+        f"ict_{stamp}_{n_identities}", {"version": _VERSION}, lambda: _parsed(file, n_identities)
+    )
+
+
+def _parsed(file, n_identities):
+    """The arrays from the files that `file` gives by name."""
     try:
         index = json.loads(file("vertex_indices.json").read_text())
     except ValueError as error:
@@ -170,7 +172,7 @@ def _ict_arrays(folder, n_identities):
         if shape.shape != V.shape:
             raise ValueError(f"{name}.obj has {len(shape)} vertices, the neutral {len(V)}.")
         deltas[k] = shape * cm_to_mm - V
-    arrays = dict(
+    return dict(
         neutral=V,
         faces=mesh.faces,
         polygon=_polygon_of_each_face(file("generic_neutral_mesh.obj")),
@@ -179,8 +181,6 @@ def _ict_arrays(folder, n_identities):
         deltas=deltas[: len(names)],
         identities=deltas[len(names) :],
     )
-    save_npz(parsed, "ict-facekit", CACHE_VERSION, **arrays)
-    return arrays
 
 
 def _polygon_of_each_face(path):

@@ -4,32 +4,26 @@ The first call registers all takes of an actor and keeps the result; dense frame
 demand. Tena et al. 2011, section 4.1.
 """
 
-import hashlib
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from pathlib import Path
 
 import numpy as np
 from tqdm.auto import tqdm
 
 from facelab.checks import check_number
 from facelab.data.actors import load_capture, load_template
-from facelab.data.cache import cache_dir
-from facelab.geometry import alignment, closest, mesh
+from facelab.data.cache import keep_arrays
 from facelab.geometry.alignment import Alignment, procrustes
 from facelab.geometry.mesh import TriangleMesh
+from facelab.keeping import source_stamp
 from facelab.motion import MotionSequence
-from facelab.numeric import sparse
-from facelab.registration import fit, layout, sequence, warp
 from facelab.registration.fit import MarkerFit, fit_markers, rest_markers
 from facelab.registration.sequence import register_sequence
 from facelab.registration.warp import PRESETS
-from facelab.storage import load_npz, save_npz
 
 N_SAMPLES = 397
 """Vertices of the face that models are trained on, as in the paper."""
 
-_VERSION = 1
 _SPACING = 11.0  # mm between markers
 _PRESET = "balanced"
 
@@ -179,7 +173,8 @@ def load_registered(actor, size="default", random_state=0, fps=15.0, progress=Tr
 
     Parameters
     ----------
-    actor : {"M1", "F1", "M2", "F2"}
+    actor : str
+        One of `facelab.data.actors.ACTORS`.
     size : {"default", "small"}
         See `load_capture`.
     random_state : int, default=0
@@ -206,32 +201,17 @@ def load_registered(actor, size="default", random_state=0, fps=15.0, progress=Tr
     """
     capture = load_capture(actor, size, random_state, progress=progress)
     fps = check_number(fps, "fps", above=0)
-    rate = capture.markers(capture.takes["train"][0]).fps
-    step = round(rate / fps)
-    if not step or abs(rate / step - fps) > 1e-6:
+    step = round(capture.fps / fps)
+    if not step or abs(capture.fps / step - fps) > 1e-6:
         raise ValueError(
-            f"fps={fps:g} does not divide the {rate:g} frames a second of the capture."
+            f"fps={fps:g} does not divide the {capture.fps:g} frames a second of the capture."
         )
-    stamp = _stamp(capture.folder / "manifest.json")
-    path = cache_dir() / "registered" / f"{actor}-{size}-{random_state}-{fps:g}-{stamp}.npz"
-    try:
-        arrays = load_npz(path, "facelab-registered", _VERSION)
-    except (FileNotFoundError, ValueError):  # not there yet, half written, or older
-        arrays = _register_all(capture, step, progress)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        for old in path.parent.glob(f"{actor}-{size}-{random_state}-{fps:g}-*.npz"):
-            old.unlink()
-        save_npz(path, "facelab-registered", _VERSION, **arrays)
+    arrays = keep_arrays(
+        f"registered/{actor}-{size}-{random_state}-{fps:g}",
+        {"capture": capture.seal, "code": source_stamp(__name__)},
+        lambda: _register_all(capture, step, progress),
+    )
     return _unpacked(capture, fps, arrays)
-
-
-def _stamp(manifest):
-    """What the result hangs on: the capture and the code that registers it."""
-    digest = hashlib.sha256(manifest.read_bytes())
-    modules = (alignment, closest, mesh, sparse, warp, fit, layout, sequence)
-    for path in (*(m.__file__ for m in modules), __file__):
-        digest.update(Path(path).read_bytes())
-    return digest.hexdigest()[:12]
 
 
 def _register_all(capture, step, progress):

@@ -13,18 +13,17 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from facelab import data
+from facelab.data.actors import ACTORS
+from facelab.data.cache import keep_arrays
 from facelab.data.registered import load_registered
 from facelab.geometry.symmetry import mirror_weights, other_side, symmetrised
-from facelab.models import blending, components, evaluation, holistic, region
+from facelab.keeping import source_stamp
 from facelab.models.evaluation import ErrorCurve, error_curves, rms_error, sparse_model
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.posing.session import PosingSession
 from facelab.segmentation.segment import segment_face
-from facelab.storage import atomic_path, load_npz, save_npz
-
-ACTORS = ("M1", "F1", "M2", "F2")
-"""In the order in which Fig. 5 adds them to the training set."""
+from facelab.storage import atomic_path
 
 N_REGIONS = 13
 """Regions of the paper. On the synthetic actors every k up to 30 is compact and sets no number."""
@@ -36,8 +35,6 @@ EACH = (1, 2, 3, 5, 7, 10, 15, 20, 30, 40, 60)
 TOTAL = (13, 20, 30, 50, 80, 130, 200, 300, 400)
 SPARSE = (13, 30, 80)
 HOLISTIC = (*EACH, 80, 130, 200, 300, 400)
-
-_VERSION = 1
 
 
 def fitted_models(X, regions):
@@ -149,19 +146,9 @@ def _keyed(training, found):
 
 def _kept(name, digest, make):
     """Curves from the cache, or made and kept there, for these data, sizes and models."""
-    for module in (blending, components, evaluation, holistic, region):
-        digest.update(Path(module.__file__).read_bytes())
     digest.update(repr((EACH, TOTAL, SPARSE, HOLISTIC)).encode())
-    path = data.cache_dir() / "results" / f"{name}-{digest.hexdigest()[:12]}.npz"
-    try:
-        return _unpacked(load_npz(path, "facelab-results", _VERSION))
-    except (FileNotFoundError, ValueError):  # not there yet, or half written
-        curves = make()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    for old in path.parent.glob(f"{name}-*.npz"):
-        old.unlink()
-    save_npz(path, "facelab-results", _VERSION, **_packed(curves))
-    return curves
+    key = {"data": digest.hexdigest(), "code": source_stamp("facelab.models")}
+    return _unpacked(keep_arrays(f"results/{name}", key, lambda: _packed(make())))
 
 
 def _packed(curves):

@@ -15,7 +15,8 @@ from threadpoolctl import threadpool_limits
 from trimesh.registration import nricp_amberg
 
 import facelab
-from data_synth.capture import actor_rig
+from data_synth.action_units import actor_rig
+from data_synth.actors import ACTORS
 from data_synth.template import build_template
 from facelab.data.cache import DataUnavailable
 from facelab.geometry.alignment import procrustes
@@ -23,8 +24,6 @@ from facelab.geometry.closest import closest_points
 from facelab.motion import MarkerSequence
 from facelab.registration.fit import fit_markers, fit_scan, rest_markers
 from facelab.registration.sequence import register_sequence
-
-ACTORS = ("M1", "F1", "M2", "F2")
 
 
 def template(n_vertices):

@@ -10,8 +10,8 @@ from setup import milliseconds
 from threadpoolctl import threadpool_limits
 
 import facelab
-from data_synth.action_units import STYLES, ActionUnitRig, actor_rig
-from data_synth.identity import ACTORS
+from data_synth.action_units import ActionUnitRig, actor_rig
+from data_synth.actors import ACTORS
 from data_synth.template import build_template
 from facelab.expression import prepare_units, regress_expression
 from facelab.expression.transfer import METHODS, IntermediateSpace, SimplifiedRig, UnitCarrier
@@ -31,7 +31,7 @@ def units():
     print("mm RMS; units    true size    " + "    ".join(METHODS) + "  register, to the own mesh")
     for a, b in PAIRS:
         source, target = actor_rig(a, N_VERTICES).linear(), actor_rig(b, N_VERTICES)
-        manner = ActionUnitRig(build_template(ACTORS[b], N_VERTICES), STYLES[a])
+        manner = ActionUnitRig(build_template(ACTORS[b].anatomy, N_VERTICES), ACTORS[a].style)
         for said, truth in (("own manner", target), ("same manner", manner)):
             off = []
             for method in METHODS:

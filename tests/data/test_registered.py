@@ -11,7 +11,7 @@ def cache(tmp_path_factory):
     captures = facelab.data.cache_dir()
     folder = tmp_path_factory.mktemp("cache")
     facelab.data.load_capture("F1", size="small", progress=False)
-    (folder / "data_synth-1-small-0").symlink_to(captures / "data_synth-1-small-0")
+    (folder / "data_synth-small-0").symlink_to(captures / "data_synth-small-0")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FACELAB_CACHE", str(folder))
         yield folder
@@ -58,7 +58,7 @@ def test_takes_are_asked_for_by_kind_by_name_or_all_at_once(actor):
 
 
 def test_a_second_call_gives_the_same_and_a_damaged_file_is_made_again(actor, cache):
-    (kept,) = (cache / "registered").glob("F1-*.npz")
+    (kept,) = (cache / "registered").glob("F1-*/arrays.npz")
     again = load_registered("F1", size="small", progress=False)
     np.testing.assert_array_equal(again.motion().positions, actor.motion().positions)
     np.testing.assert_array_equal(again.fit.mesh.vertices, actor.fit.mesh.vertices)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from data_synth.action_units import STYLES, Style, action_rig, actor_rig
+from data_synth.action_units import ActionUnitRig, actor_rig
+from data_synth.actors import ACTORS, Style
 from data_synth.articulation import JAW
 from data_synth.compare_scan import compare
 from data_synth.template import build_template
@@ -20,7 +21,7 @@ PRESSING = (
 
 @pytest.fixture(scope="module")
 def rig():
-    return action_rig(build_template())
+    return ActionUnitRig(build_template())
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +85,7 @@ def test_peaks_are_within_human_range(rig, unit, landmark, direction, low, high)
     assert low < at(rig, unit, landmark) @ direction < high
 
 
-@pytest.mark.parametrize("actor", [None, *STYLES])
+@pytest.mark.parametrize("actor", [None, *ACTORS])
 def test_no_unit_goes_further_than_faces_do(rig, actor):
     rig = actor_rig(actor) if actor else rig
     peak = dict(zip(UNITS, np.linalg.norm(rig.deltas, axis=2).max(1), strict=True))
@@ -122,7 +123,7 @@ def to_polyline(points, line):
     return np.linalg.norm(points[:, None] - foot, axis=2).min(1)
 
 
-@pytest.mark.parametrize("actor", [None, *STYLES])
+@pytest.mark.parametrize("actor", [None, *ACTORS])
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_lids_close_until_they_meet(rig, actor, side):
     rig = actor_rig(actor) if actor else rig
@@ -166,7 +167,7 @@ def test_closing_and_raising_the_lids_still_closes_them(rig):
 # --- lips and skin --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("actor", [None, *STYLES])
+@pytest.mark.parametrize("actor", [None, *ACTORS])
 def test_lips_do_not_pass_through_each_other(rig, weights, actor):
     rig = actor_rig(actor) if actor else rig
     rims = [rig.template.curves[f"{lip}_lip_inner"] for lip in ("upper", "lower")]
@@ -185,7 +186,7 @@ def test_lips_would_cross_without_contact(rig):
     assert gap.min() < -2.0
 
 
-@pytest.mark.parametrize("actor", [None, *STYLES])
+@pytest.mark.parametrize("actor", [None, *ACTORS])
 def test_hardly_a_triangle_turns_over_at_a_peak(rig, actor):
     rig = actor_rig(actor) if actor else rig
     F, V = rig.neutral.faces, rig.neutral.vertices
@@ -283,7 +284,7 @@ def test_a_name_without_a_side_is_both_sides(rig):
 
 
 def test_skin_of_different_stiffness_answers_in_different_shapes(rig):
-    slack = action_rig(rig.template, STYLES["M2"])
+    slack = ActionUnitRig(rig.template, ACTORS["M2"].style)
     a, b = (r.deltas.reshape(40, -1) for r in (rig, slack))
     cosines = (a * b).sum(1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
     assert cosines.min() < 0.97  # not only amplitude
@@ -320,7 +321,7 @@ def test_bad_weights_and_vertices_are_refused(rig):
     with pytest.raises(ValueError, match=r"3 or more"):
         rig.unit_sequence("AU1", n_frames=2)
     with pytest.raises(TypeError, match=r"style"):
-        action_rig(rig.template, "soft")
+        ActionUnitRig(rig.template, "soft")
     assert Style() == Style(spread=1.0)
 
 

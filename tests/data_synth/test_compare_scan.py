@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from data_synth.capture import actor_rig
+from data_synth.action_units import actor_rig
 from data_synth.compare_scan import distances
 
 

@@ -4,20 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from data_synth import performance
-from data_synth.performance import (
-    ACTORS,
-    EMOTIONS,
-    MANNERS,
-    SENTENCES,
-    apply_manner,
-    coarticulate,
-    facs_combinations,
-    manner_matrix,
-    perform_facs,
-    perform_rom,
-    perform_sentence,
-)
+from data_synth.actors import ACTORS
+from data_synth.performance import SENTENCES, perform_facs, perform_rom, perform_sentence
+from data_synth.performance.combinations import OPPOSED, facs_combinations
+from data_synth.performance.emotion import EMOTIONS
+from data_synth.performance.manner import apply_manner, manner_matrix
+from data_synth.performance.speech import DIPHTHONGS, VISEMES, coarticulate, sounds
+from data_synth.performance.tracks import blinks
 from data_synth.units import UNIT_TABLE, UNITS, expand
 
 AT = {name: k for k, name in enumerate(UNITS)}
@@ -68,8 +61,8 @@ def test_eighteen_sentences_four_to_train_and_two_to_test_of_each_emotion():
 
 def test_every_sound_has_a_viseme_and_every_sentence_a_stress():
     for sentence in SENTENCES.values():
-        sounds = {p.rstrip("1") for p in sentence.phones}
-        assert sounds <= set(performance._VISEME) | set(performance._DIPHTHONGS)
+        phones = {p.rstrip("1") for p in sentence.phones}
+        assert phones <= set(VISEMES) | set(DIPHTHONGS)
         assert any(p.endswith("1") for p in sentence.phones)
 
 
@@ -113,9 +106,7 @@ def test_lips_meet_for_p_b_and_m_and_the_jaw_opens_for_vowels():
     for actor in ACTORS:
         for name in ("pride_5", "rage_6"):
             rng = np.random.default_rng(3)
-            middle, lengths, targets, firm, *_ = performance._phones(
-                SENTENCES[name], MANNERS[actor], rng
-            )
+            middle, lengths, targets, firm, *_ = sounds(SENTENCES[name], ACTORS[actor].manner, rng)
             W = coarticulate(middle, middle, lengths, targets, firm)
             lips = targets[:, AT["AU24"]] > 0.5
             wide = targets[:, AT["AU26"]] > 0.5
@@ -151,7 +142,7 @@ def test_each_emotion_shows_its_units(spoken):
 
 @pytest.mark.parametrize("actor", ACTORS)
 def test_contempt_is_one_sided_and_on_the_actors_own_side(spoken, actor):
-    sneer, other = MANNERS[actor].sneer, "LR".replace(MANNERS[actor].sneer, "")
+    sneer, other = ACTORS[actor].manner.sneer, "LR".replace(ACTORS[actor].manner.sneer, "")
     for name in ("contempt_1", "contempt_6"):
         p = spoken[actor, name]
         assert track(p, f"AU14{sneer}").mean() > 4 * track(p, f"AU14{other}").mean()
@@ -165,7 +156,7 @@ def test_stress_raises_the_brows_in_pride(spoken):
 
 def test_blinks_close_faster_than_they_open_at_a_natural_rate():
     fps, minutes = 240.0, 4
-    lids = performance._blinks(np.random.default_rng(1), int(minutes * 60 * fps), fps, 17)
+    lids = blinks(np.random.default_rng(1), int(minutes * 60 * fps), fps, 17)
     shut = lids > 0.5
     edges = np.diff(shut.astype(int))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
@@ -231,12 +222,12 @@ def test_small_weights_are_mixed_by_the_matrix(actor):
 
 @pytest.mark.parametrize("actor", ACTORS)
 def test_one_side_lags_behind_and_couplings_stay_on_their_side(actor):
-    A, weak = manner_matrix(actor), MANNERS[actor].weak_side
+    A, weak = manner_matrix(actor), ACTORS[actor].manner.weak_side
     strong = "LR".replace(weak, "")
     strength = dict(zip(UNITS, np.diag(A), strict=True))
     pairs = [u[:-1] for u in UNITS if u.endswith("L") and "45" not in u]
     ratio = np.mean([strength[p + weak] / strength[p + strong] for p in pairs])
-    assert ratio == pytest.approx(1 - MANNERS[actor].asymmetry, abs=0.03)  # +- 3 % by unit
+    assert ratio == pytest.approx(1 - ACTORS[actor].manner.asymmetry, abs=0.03)  # +- 3 % by unit
     for i, cause in enumerate(UNITS):
         for j, effect in enumerate(UNITS):
             if {cause[-1], effect[-1]} == {"L", "R"}:
@@ -268,7 +259,7 @@ def test_no_combination_asks_a_face_for_what_it_cannot_do(seed):
         columns = [AT[u] for n in names for u in expand(n)]
         assert len(set(columns)) == len(columns)
         pairs = {frozenset((a, b)) for a in columns for b in columns if a != b}
-        assert not pairs & performance._OPPOSED
+        assert not pairs & OPPOSED
 
 
 @pytest.mark.parametrize("number", [1, 5, 41, 60, 86])

@@ -13,9 +13,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
+from data_synth.actors import ACTORS
 from data_synth.anatomy import Anatomy
-from data_synth.identity import ACTORS, random_identity
-from data_synth.template import _layout_mesh, build_template
+from data_synth.identity import random_identity
+from data_synth.template import build_template
+from data_synth.template.layout import layout_mesh
 
 DENSE, SPARSE = 8820, 4375
 
@@ -27,7 +29,7 @@ def face(request):
 
 @pytest.fixture(scope="module", params=sorted(ACTORS))
 def actor(request):
-    return build_template(ACTORS[request.param])
+    return build_template(ACTORS[request.param].anatomy)
 
 
 def edge_counts(faces):
@@ -300,7 +302,7 @@ def test_actors_differ_in_shape_and_not_only_in_size():
     names = sorted(ACTORS)
     shapes = []
     for name in names:
-        vertices = build_template(ACTORS[name], n_vertices=SPARSE).vertices
+        vertices = build_template(ACTORS[name].anatomy, n_vertices=SPARSE).vertices
         vertices = vertices - vertices.mean(0)
         shapes.append(vertices * np.sqrt(len(vertices)) / np.linalg.norm(vertices) * 60.0)
     for i in range(4):
@@ -426,7 +428,7 @@ def test_every_measurement_does_something():
 def test_the_mesh_does_not_depend_on_the_number_of_threads():
     made = []
     for threads in (1, 2):
-        _layout_mesh.cache_clear()
+        layout_mesh.cache_clear()
         with threadpool_limits(threads):
             made.append(build_template(n_vertices=3000))
     np.testing.assert_array_equal(made[0].vertices, made[1].vertices)

@@ -5,6 +5,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 import facelab
+from data_synth.actors import ACTORS
 from data_synth.template import build_template
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.closest import closest_points
@@ -14,7 +15,6 @@ from facelab.registration.fit import fit_markers, fit_scan, rest_markers
 from facelab.registration.layout import MarkerLayout
 from facelab.registration.sequence import Fault, register_sequence
 
-ACTORS = ("M1", "F1", "M2", "F2")
 N = 3000  # vertices of the small captures, so that template and truth correspond one to one
 
 
