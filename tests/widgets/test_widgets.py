@@ -24,6 +24,9 @@ from facelab.widgets.posing_panels import region_names
 from facelab.widgets.thumbnail import Thumbnails
 
 
+FAR = np.array([300.0, -200.0, 150.0])
+
+
 @pytest.fixture
 def models(rng):
     mesh, labels = quarters()
@@ -181,6 +184,8 @@ def test_two_linked_views_share_the_camera_and_refuse_other_proportions(grid):
     b = FaceView(grid, width=150, height=150, linked_to=a)
     assert b.widget.camera is a.widget.camera
     assert b._orbit is a._orbit and a._orbit in b.widget.controls
+    far = FaceView(grid.with_vertices(grid.vertices + FAR), width=300, height=300, linked_to=a)
+    np.testing.assert_allclose(far.project(grid.vertices + FAR), a.project(grid.vertices))
     with pytest.raises(ValueError, match="same proportions"):
         FaceView(grid, width=300, height=150, linked_to=a)
 
@@ -215,9 +220,6 @@ def test_points_are_projected_as_the_camera_sees_them(grid):
     left, up = view.project(middle + [[1, 0, 0], [0, 1, 0]])
     assert left[0] > 0.5 and up[1] < 0.5
     assert left[0] - 0.5 == pytest.approx(0.5 - up[1])
-
-
-FAR = np.array([300.0, -200.0, 150.0])
 
 
 def test_a_face_anywhere_stands_in_the_middle_without_a_message_to_the_page(grid, monkeypatch):
