@@ -125,19 +125,20 @@ def test_npz_keeps_float32_and_takes_integers(tmp_path, P):
 @pytest.mark.parametrize(
     "change, words",
     [
-        ({"names": NAMES[:-1]}, r"positions has shape \(20, 8, 3\) .* but 7 names ask for"),
-        ({"names": [1] * 8}, "names is no list of strings"),
-        ({"positions": np.full((20, 8, 3), "x")}, "but 8 names ask for numbers"),
-        ({"positions": np.full((20, 8, 3), True)}, "type bool"),
-        ({"positions": np.zeros((0, 8, 3))}, "no frames in it"),
-        ({"fps": 0}, "fps is .* must be one number above 0"),
-        ({"fps": np.nan}, "fps is .* must be one number above 0"),
-        ({"fps": [1, 2]}, "fps is .* must be one number above 0"),
+        ({"names": NAMES[:-1]}, r"positions has shape \(20, 8, 3\), but shape \(n_frames, 7, 3\)"),
+        ({"names": [1] * 8}, "names is of type int64, but text are wanted"),
+        ({"positions": np.full((20, 8, 3), "x")}, "positions is of type <U1, but"),
+        ({"positions": np.full((20, 8, 3), True)}, "positions is of type bool"),
+        ({"positions": np.zeros((0, 8, 3))}, "positions holds no frames"),
+        ({"positions": 3.0}, "positions holds no frames"),
+        ({"fps": 0}, "fps is 0, but must be one number above 0"),
+        ({"fps": np.nan}, "fps is nan, but must be one number above 0"),
+        ({"fps": [1, 2]}, r"fps is \[1, 2\], but must be one number above 0"),
         ({"unit": "furlong"}, "unit is 'furlong'"),
         ({"positions": np.full((20, 8, 3), np.inf)}, "more than a kilometre away"),
-        ({"positions": np.array([{}] * 3, dtype=object)}, "holds object; numbers or strings"),
-        ({"positions": None}, "no array positions in it"),
-        ({"fps": None}, "no array fps in it"),
+        ({"positions": np.array([{}] * 3, dtype=object)}, "not a readable"),
+        ({"positions": None}, "has no positions"),
+        ({"fps": None}, "no frame rate in it; say it with fps="),
     ],
 )
 def test_arrays_that_are_no_capture_are_refused(tmp_path, P, change, words):
@@ -158,20 +159,20 @@ def npy(shape, dtype="<f8", data=b""):
 def test_arrays_that_promise_more_than_they_have_take_no_memory(tmp_path):
     with zipfile.ZipFile(tmp_path / "d.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("positions.npy", npy((10**7, 100, 3)))
-    with pytest.raises(ValueError, match="should be 24000000000 bytes, which the file does not"):
+    with pytest.raises(ValueError, match=r"not a readable .* npz file"):
         read_markers(tmp_path / "d.npz")
 
 
 def test_arrays_out_of_all_proportion_to_their_file_are_refused(tmp_path):
     with zipfile.ZipFile(tmp_path / "d.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("positions.npy", npy((130_000, 100, 3), data=bytes(312_000_000)))
-    with pytest.raises(ValueError, match=r"would take 0\.3 GB out of 3\d* bytes"):
+    with pytest.raises(ValueError, match=r"would take 0\.3 GB of memory"):
         read_markers(tmp_path / "d.npz")
 
 
 def test_a_pickle_is_never_opened(tmp_path):
     np.savez(tmp_path / "d.npz", positions=np.array([print], dtype=object))
-    with pytest.raises(ValueError, match="numbers or strings are wanted"):
+    with pytest.raises(ValueError, match="not a readable"):
         read_markers(tmp_path / "d.npz")
 
 
