@@ -44,7 +44,7 @@ from facelab.data import (
 )
 from facelab.expression import ExpressionSession, IntermediateSpace, regress_expression
 from facelab.files import read_markers, read_mesh, read_rig, read_weights
-from facelab.geometry import TriangleMesh, bind
+from facelab.geometry import TriangleMesh, bind_to_samples
 from facelab.models import HolisticModel, RegionModel, rms_error
 from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
 from facelab.pipeline import model_from_take
@@ -65,7 +65,7 @@ __all__ = [
     "RegionModel",
     "TriangleMesh",
     "WeightSequence",
-    "bind",
+    "bind_to_samples",
     "data",
     "expression",
     "files",

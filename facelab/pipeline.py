@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from facelab.checks import check_count, check_number, check_type
-from facelab.geometry.binding import LinearBinding, bind
+from facelab.geometry.binding import LinearBinding, bind_to_samples
 from facelab.geometry.mesh import TriangleMesh
 from facelab.models.evaluation import rms_error
 from facelab.models.region import RegionModel
@@ -82,7 +82,7 @@ class LearnedFace:
         lines += [
             f"motion: {len(X)} frames of {size:.2f} mm RMS, {lost} lost frames left out",
             f"regions: {self.regions.n_regions}. {self.regions.why}",
-            f"model: {self.model.n_coefficients_} coefficients, off by {error:.2f} mm RMS on the "
+            f"model: {self.model.n_coefficients} coefficients, off by {error:.2f} mm RMS on the "
             "frames that it learned from",
         ]
         if self.binding is not None:
@@ -192,7 +192,7 @@ def model_from_take(
     binding, error = None, 0.0
     if neutral is not control:
         dense = _dense_frames(source, motions)
-        binding = bind(neutral, samples, motion=dense)
+        binding = bind_to_samples(neutral, samples, motion=dense)
         error = _carry_error(binding, dense)
     registrations = tuple(getattr(source, "registrations", ()))
     return LearnedFace(

@@ -47,7 +47,7 @@ def by_hand(neutral, samples, control, motions, dense, **cut):
     )
     regions = facelab.segment_face(joined, random_state=0, progress=False, **cut)
     model = facelab.RegionModel(regions, n_components=4).fit(X)
-    return model, facelab.bind(neutral, samples, motion=dense)
+    return model, facelab.bind_to_samples(neutral, samples, motion=dense)
 
 
 def check_same_pose(face, model, binding):

@@ -3,7 +3,7 @@ import pytest
 from scipy.optimize import lsq_linear
 from shapes import grid_mesh
 
-from facelab.geometry.binding import bind
+from facelab.geometry.binding import bind_to_samples
 from facelab.geometry.mesh import TriangleMesh
 from facelab.models.holistic import HolisticModel
 from facelab.motion import WeightSequence
@@ -357,7 +357,7 @@ def test_a_rig_on_control_vertices_is_carried_by_the_binding(rng):
     dense = grid_mesh(19, 16, 3.0)
     row, column = np.divmod(np.arange(dense.n_vertices), 19)
     samples = np.flatnonzero((row % 3 == 0) & (column % 3 == 0))
-    rig, binding = rig_of(rng), bind(dense, samples)
+    rig, binding = rig_of(rng), bind_to_samples(dense, samples)
     session = PosingSession(rig, dense, binding=binding, gamma=1e-9)
     session.drag(100, dense.vertices[100] + [0.4, 0.2, -0.3])
     x = session.model.shape(session.coefficients) - rig.neutral.vertices

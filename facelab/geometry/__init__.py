@@ -7,7 +7,7 @@ from facelab.geometry.alignment import (
     rigid_motion,
     rigid_weights,
 )
-from facelab.geometry.binding import LinearBinding, SurfaceBinding, bind, bind_to_surface
+from facelab.geometry.binding import LinearBinding, SurfaceBinding, bind_to_samples, bind_to_surface
 from facelab.geometry.closest import closest_points
 from facelab.geometry.deformation import LaplacianDeformer, laplacian_deform
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh, vertex_normals
@@ -31,7 +31,7 @@ __all__ = [
     "LinearBinding",
     "SurfaceBinding",
     "TriangleMesh",
-    "bind",
+    "bind_to_samples",
     "bind_to_surface",
     "check_face_size",
     "closest_points",

@@ -51,7 +51,7 @@ class LinearBinding:
         return self.weights @ displacements
 
 
-def bind(mesh, samples, tolerance=1e-3, motion=None, trust=10.0):
+def bind_to_samples(mesh, samples, tolerance=1e-3, motion=None, trust=10.0):
     """Bind a dense face to control vertices so that it bends as little as it can between them.
 
     Each displacement field is the biharmonic one through the control vertices: it minimises the
@@ -91,7 +91,7 @@ def bind(mesh, samples, tolerance=1e-3, motion=None, trust=10.0):
     >>> import facelab
     >>> face = facelab.load_template(4375)
     >>> samples, control = face.subsample(397)
-    >>> facelab.bind(face, samples).mesh.n_vertices
+    >>> facelab.bind_to_samples(face, samples).mesh.n_vertices
     4375
     """
     trust = check_number(trust, "trust", above=0)

@@ -37,7 +37,7 @@ class PosedFace:
         if not (binding is None or isinstance(binding, LinearBinding)):
             raise TypeError(
                 f"binding is a {type(binding).__name__}; give the LinearBinding of "
-                "`bind(neutral, samples)`."
+                "`bind_to_samples(neutral, samples)`."
             )
         if binding is not None and binding.mesh.n_vertices != neutral.n_vertices:
             raise ValueError(

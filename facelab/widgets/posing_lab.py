@@ -6,7 +6,7 @@ import ipywidgets as widgets
 import numpy as np
 
 from facelab.data.examples import load_example
-from facelab.geometry.binding import bind
+from facelab.geometry.binding import bind_to_samples
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.plotting import region_colors
@@ -116,7 +116,7 @@ class PosingLab(Page):
             name: (small.animate(take), take)
             for name, take in (("first take", example.train), ("second take", example.test))
         }
-        session = PosingSession(models["region"], face, binding=bind(face, samples))
+        session = PosingSession(models["region"], face, binding=bind_to_samples(face, samples))
         lab = cls(session, models, example.props, takes, **kwargs)
         lab.about = example.about
         return lab

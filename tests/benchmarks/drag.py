@@ -30,7 +30,7 @@ def cases():
         motion = dense.on(samples, control).animate(take).with_noise(0.3, 0)
         own = facelab.segment_face(motion.resampled(15), n_regions=10, random_state=0)
         bound = facelab.RegionModel(own, 30).fit(motion.displacements())
-        yield f"397 -> {n}", bound, dense.neutral, facelab.bind(dense.neutral, samples)
+        yield f"397 -> {n}", bound, dense.neutral, facelab.bind_to_samples(dense.neutral, samples)
         full = dense.animate(take[::4])
         trained = facelab.RegionModel(own.carried_to(dense.neutral, samples), 30)
         yield f"{n} trained", trained.fit(full.displacements()), dense.neutral, None

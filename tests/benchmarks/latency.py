@@ -24,7 +24,8 @@ samples, control = rig.neutral.subsample(397, keep=corners)
 motion = rig.on(samples, control).animate(example.train).with_noise(0.3, 0)
 regions = facelab.segment_face(motion.resampled(15), n_regions=10, random_state=0, progress=False)
 region = facelab.RegionModel(regions, 30).fit(motion.displacements())
-session = facelab.PosingSession(region, rig.neutral, binding=facelab.bind(rig.neutral, samples))
+binding = facelab.bind_to_samples(rig.neutral, samples)
+session = facelab.PosingSession(region, rig.neutral, binding=binding)
 models, takes = {"region": region, "rig": rig}, {"take": motion}
 lab = PosingLab(session, models, takes=takes, width=160, height=184)
 """,

@@ -401,7 +401,7 @@ props = [(part.with_vertices(part.vertices + away), colors) for part, colors in 
 samples, control = face.subsample(397, keep=[face.landmarks["mouth_corner_left"]])
 motion = example.rig.on(samples, control).animate(example.train)
 model = facelab.HolisticModel(20).fit(motion.displacements())
-session = facelab.PosingSession(model, face, binding=facelab.bind(face, samples))
+session = facelab.PosingSession(model, face, binding=facelab.bind_to_samples(face, samples))
 lab = PosingLab(session, props=props)
 lab
 """

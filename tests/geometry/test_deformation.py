@@ -5,7 +5,7 @@ import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 from shapes import disk_mesh, grid_mesh, sphere_mesh
 
-from facelab.geometry.binding import bind, bind_to_surface
+from facelab.geometry.binding import bind_to_samples, bind_to_surface
 from facelab.geometry.deformation import LaplacianDeformer, laplacian_deform
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MotionSequence
@@ -27,11 +27,11 @@ def face(request):
 def test_control_vertices_are_followed_exactly(face, rng):
     samples = rng.permutation(spread(face))
     moved = rng.normal(size=(len(samples), 3))
-    np.testing.assert_array_equal(bind(face, samples).carry(moved)[samples], moved)
+    np.testing.assert_array_equal(bind_to_samples(face, samples).carry(moved)[samples], moved)
 
 
 def test_a_translation_of_all_control_vertices_is_carried_exactly(face):
-    binding = bind(face, spread(face))
+    binding = bind_to_samples(face, spread(face))
     np.testing.assert_allclose(np.asarray(binding.weights.sum(axis=1)).ravel(), 1, atol=1e-12)
     shift = np.array([3.0, -50.0, 7.0])
     moved = binding.carry(np.tile(shift, (len(binding.samples), 1)))
@@ -41,7 +41,7 @@ def test_a_translation_of_all_control_vertices_is_carried_exactly(face):
 def test_between_control_vertices_the_face_bends_as_little_as_it_can(face, rng):
     samples = spread(face)
     moved = rng.normal(size=(len(samples), 3))
-    ours = bind(face, samples, tolerance=0).carry(moved)
+    ours = bind_to_samples(face, samples, tolerance=0).carry(moved)
     # a second road: least squares of the Laplacian by area, the control vertices taken over
     L = face.laplacian("cotangent", normalised=False).toarray()
     area = np.zeros(face.n_vertices)
@@ -57,7 +57,7 @@ def test_between_control_vertices_the_face_bends_as_little_as_it_can(face, rng):
 def test_dropping_small_weights_moves_the_face_by_little(face, rng):
     samples = spread(face)
     moved = rng.normal(size=(len(samples), 3))
-    full, thin = (bind(face, samples, tolerance=t) for t in (0, 1e-3))
+    full, thin = (bind_to_samples(face, samples, tolerance=t) for t in (0, 1e-3))
     # at most one weight of 1e-3 for each control vertex is dropped, and shared out again
     bound = 2e-3 * len(samples) * np.abs(moved).max()
     assert np.abs(full.carry(moved) - thin.carry(moved)).max() < bound
@@ -67,7 +67,7 @@ def test_dropping_small_weights_moves_the_face_by_little(face, rng):
 
 
 def test_what_is_carried_is_linear(face, rng):
-    binding = bind(face, spread(face))
+    binding = bind_to_samples(face, spread(face))
     a, b = rng.normal(size=(2, len(binding.samples), 4))
     np.testing.assert_allclose(
         binding.carry(2 * a - b), 2 * binding.carry(a) - binding.carry(b), atol=1e-12
@@ -81,13 +81,13 @@ def test_a_denser_control_follows_a_smooth_field_more_closely():
     for step in (8, 4, 2):
         row, column = np.divmod(np.arange(mesh.n_vertices), 25)
         samples = np.flatnonzero((row % step == 0) & (column % step == 0))
-        carried = bind(mesh, samples).carry(field[samples])
+        carried = bind_to_samples(mesh, samples).carry(field[samples])
         errors.append(np.abs(carried - field).max())
     assert errors[0] > errors[1] > errors[2]
 
 
 def test_a_face_bound_to_all_its_vertices_is_its_control(face, rng):
-    binding = bind(face, np.arange(face.n_vertices))
+    binding = bind_to_samples(face, np.arange(face.n_vertices))
     moved = rng.normal(size=(face.n_vertices, 3))
     np.testing.assert_array_equal(binding.carry(moved), moved)
     assert sp.issparse(binding.weights)
@@ -95,7 +95,7 @@ def test_a_face_bound_to_all_its_vertices_is_its_control(face, rng):
 
 def test_the_handle_of_a_vertex_is_the_nearest_along_the_surface(face):
     samples = spread(face)
-    binding = bind(face, samples)
+    binding = bind_to_samples(face, samples)
     G = face.geodesics(samples)
     at = G[binding.handle_of, np.arange(face.n_vertices)]
     np.testing.assert_allclose(at, G.min(axis=0), atol=1e-9)
@@ -115,7 +115,7 @@ def test_a_binding_learned_from_motion_follows_motion_it_has_not_seen(rng):
     x = unseen.positions - mesh.vertices
     errors = [
         np.sqrt(np.mean([np.sum((b.carry(d[samples]) - d) ** 2) / len(d) for d in x]))
-        for b in (bind(mesh, samples), bind(mesh, samples, motion=motion))
+        for b in (bind_to_samples(mesh, samples), bind_to_samples(mesh, samples, motion=motion))
     ]
     assert errors[1] < 0.3 * errors[0]
 
@@ -123,7 +123,8 @@ def test_a_binding_learned_from_motion_follows_motion_it_has_not_seen(rng):
 def test_a_learned_binding_is_the_least_squares_that_it_says(rng):
     mesh = grid_mesh(13, 10, 3.0)
     samples, motion, trust = spread(mesh), parted(mesh, rng), 4.0
-    plain, learned = bind(mesh, samples), bind(mesh, samples, motion=motion, trust=trust)
+    plain = bind_to_samples(mesh, samples)
+    learned = bind_to_samples(mesh, samples, motion=motion, trust=trust)
     x = motion.positions - mesh.vertices
     strain = 0.05 * (mesh.vertices - mesh.vertices.mean(axis=0))
     start, found = plain.weights.toarray(), learned.weights.toarray()
@@ -146,7 +147,7 @@ def test_a_learned_binding_is_the_least_squares_that_it_says(rng):
 
 def test_a_learned_binding_still_carries_control_vertices_and_shifts_exactly(face, rng):
     samples = spread(face)
-    binding = bind(face, samples, motion=parted(face, rng))
+    binding = bind_to_samples(face, samples, motion=parted(face, rng))
     moved = rng.normal(size=(len(samples), 3))
     np.testing.assert_allclose(binding.carry(moved)[samples], moved, atol=1e-12)
     shifted = binding.carry(np.tile([3.0, -50, 7], (len(samples), 1)))
@@ -160,7 +161,7 @@ def test_lips_and_lids_of_the_real_face_follow_better_when_learned(real_rig, rea
     x = real_rig.animate(real_takes["alex_rom_3"][::60]).displacements().reshape(-1, 6706, 3)
     errors = []
     for motion in (None, real_rig.animate(real_takes["alex_rom_4"][::20])):
-        binding = bind(face, samples, motion=motion)
+        binding = bind_to_samples(face, samples, motion=motion)
         off = [np.mean(np.sum((binding.carry(d[samples]) - d) ** 2, axis=1)) for d in x]
         errors.append(np.sqrt(np.mean(off)))
     assert errors[1] < 0.15 < 0.3 < errors[0]
@@ -168,9 +169,9 @@ def test_lips_and_lids_of_the_real_face_follow_better_when_learned(real_rig, rea
 
 def test_motion_of_another_mesh_teaches_no_binding(grid, rng):
     with pytest.raises(ValueError, match="motion has 130 vertices, but the mesh 30"):
-        bind(grid, [0, 5, 29], motion=parted(grid_mesh(13, 10), rng))
+        bind_to_samples(grid, [0, 5, 29], motion=parted(grid_mesh(13, 10), rng))
     with pytest.raises(ValueError, match="trust=0"):
-        bind(grid, [0, 5, 29], trust=0)
+        bind_to_samples(grid, [0, 5, 29], trust=0)
 
 
 def two_triangles():
@@ -190,12 +191,12 @@ def two_triangles():
 )
 def test_samples_that_are_no_control_vertices_are_refused(grid, samples, message):
     with pytest.raises(ValueError, match=message):
-        bind(grid, samples)
+        bind_to_samples(grid, samples)
 
 
 def test_a_face_in_two_pieces_cannot_be_bound():
     with pytest.raises(ValueError, match="2 pieces"):
-        bind(two_triangles(), [0, 3])
+        bind_to_samples(two_triangles(), [0, 3])
 
 
 # -- Laplacian deformation --

@@ -10,7 +10,7 @@ from scipy.spatial import Delaunay
 from shapes import grid_mesh
 from sklearn.decomposition import PCA
 
-from facelab.geometry.binding import bind
+from facelab.geometry.binding import bind_to_samples
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.symmetry import mirror_partners
 from facelab.models.holistic import HolisticModel
@@ -649,7 +649,7 @@ def test_a_session_refuses_parts_that_do_not_belong_together(rng, model, grid):
     with pytest.raises(ValueError, match="the model has 42 vertices, but 30 are to be posed"):
         PosingSession(model, grid)
     with pytest.raises(ValueError, match="binding carries 42 vertices, but neutral has 30"):
-        PosingSession(model, grid, binding=bind(grid_mesh(7, 6), [0, 5, 30]))
+        PosingSession(model, grid, binding=bind_to_samples(grid_mesh(7, 6), [0, 5, 30]))
     with pytest.raises(TypeError, match="RegionModel"):
         PosingSession("model", grid)
     with pytest.raises(TypeError, match="neutral is a ndarray; give a TriangleMesh"):
@@ -668,7 +668,7 @@ def bound(rng):
     row, column = np.divmod(np.arange(dense.n_vertices), 19)
     samples = np.flatnonzero((row % 3 == 0) & (column % 3 == 0))
     model = fitted(corner_regions(), rng)
-    return PosingSession(model, dense, binding=bind(dense, samples))
+    return PosingSession(model, dense, binding=bind_to_samples(dense, samples))
 
 
 def test_control_vertices_of_a_bound_face_go_where_the_control_face_goes(bound):
@@ -907,7 +907,7 @@ def test_nine_pins_in_ten_are_answered_alike_at_every_density(densities, n):
 def test_a_pin_on_any_dense_vertex_of_the_real_face_holds_it(rng, face, real_rig):
     model = RegionModel(face.regions, 20).fit(face.X)
     dense = real_rig.neutral
-    session = PosingSession(model, dense, 0, 1e-6, binding=bind(dense, face.samples))
+    session = PosingSession(model, dense, 0, 1e-6, binding=bind_to_samples(dense, face.samples))
     for v in rng.choice(dense.n_vertices, 12, replace=False).tolist():
         session.reset()
         pull(session, v, [0.5, 1.0, 1.0])

@@ -23,7 +23,6 @@ from facelab.widgets.parts import Keys
 from facelab.widgets.posing_panels import region_names
 from facelab.widgets.thumbnail import Thumbnails
 
-
 FAR = np.array([300.0, -200.0, 150.0])
 
 
