@@ -42,7 +42,7 @@ class History:
     def __init__(self, state, same=None, clock=time.time, most=None):
         # values that never change, so that `whole` need only remember them
         self._past, self.state, self._future = (), state, ()
-        self._key, self._ahead = None, ()  # of the last step: its stroke; what could be redone
+        self._stroke = None  # that may go on: key, states under its step, what could be redone
         self._under = None  # in a group: the states on which its step stands
         self._acts, self._entries = (), ()  # of the log, those of a step together; of the group
         self.live = self.aside = None
@@ -122,7 +122,7 @@ class History:
         if self._same(state, self.state):
             return False
         if self._under is None:
-            self._past, self._key = (*self._past, self.state)[self._kept], None
+            self._past, self._stroke = (*self._past, self.state)[self._kept], None
         else:
             self._past = self._under
         self.state, self._future = state, ()
@@ -160,31 +160,34 @@ class History:
             if self._under is not None:  # part of the group around it
                 yield
                 return
-            if key is None or key != self._key:
-                self._under, self._ahead = (*self._past, self.state), self._future
-            else:  # the stroke goes on
-                self._under = self._past
+            stroke = self._stroke
+            if key is None or stroke is None or key != stroke[0]:
+                self._stroke = key, (*self._past, self.state), self._future
+            else:  # it goes on
                 *acts, self._entries = self._acts or ((),)
                 self._acts = tuple(acts)
+            self._under = self._stroke[1]
             yield
-            self._close(key)
+            self._close(stroke)
 
-    def _close(self, key):
-        under, self._under = self._under, None
+    def _close(self, stroke):
+        (key, under, ahead), self._under = self._stroke, None
         made = self._past is under
         if made and self._same(self.state, under[-1]):  # it came back to where it began
             *past, self.state = under
-            self._past, self._future, self._key = tuple(past), self._ahead, None
+            self._past, self._future = tuple(past), ahead
         elif made:
-            self._past, self._key = under[self._kept], key
-        elif self._entries:  # no step, but something came between
-            self._key = None
+            self._past = under[self._kept]
+        if not made and not self._entries:  # nothing was done
+            self._stroke = stroke
+        elif key is None or not made:
+            self._stroke = None
         if self._entries:
             self._acts, self._entries = (*self._acts, self._entries), ()
 
     def settle(self):
         """End the stroke: the next change makes a step of its own."""
-        self._key = None
+        self._stroke = None
 
     def _refuse_in_group(self):
         if self._under is not None:
@@ -221,7 +224,7 @@ class History:
         """
         entry = {"t": round(self._clock() - self._started, 3), "do": do, **arguments}
         if self._under is None:
-            self._acts, self._key = (*self._acts, (entry,)), None
+            self._acts, self._stroke = (*self._acts, (entry,)), None
             return
         before = self._entries
         if over is not None and before and before[-1].keys() == entry.keys():

@@ -8,9 +8,6 @@ lost until there is no answer at all.
 import numpy as np
 
 from facelab.checks import as_finite, check_number
-from facelab.models.region import BETA
-
-__all__ = ["BETA", "GAMMA"]
 
 GAMMA = 0.025
 """γ of the paper: weight of staying near the state before the pins."""

@@ -10,11 +10,12 @@ import numpy as np
 
 from facelab.checks import as_finite, check_choice, check_index, check_number
 from facelab.geometry.symmetry import MIRROR
+from facelab.models.region import BETA
 from facelab.numeric.undo import History, edit, has_history
 from facelab.posing.drag import Drag, moving_with, targets
 from facelab.posing.face import PosedFace
 from facelab.posing.fingerprint import fingerprint
-from facelab.posing.ranges import BETA, GAMMA, check_beta, check_gamma, check_weight
+from facelab.posing.ranges import GAMMA, check_beta, check_gamma, check_weight
 from facelab.posing.solver import check_limit
 from facelab.posing.state import PoseState, find_model, state_from_dict, state_to_dict
 

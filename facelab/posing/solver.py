@@ -15,13 +15,14 @@ from scipy.linalg.lapack import dpocon, dpotrf
 
 from facelab.checks import check_choice, check_index, check_number, check_type
 from facelab.face_model import FaceModel
+from facelab.models.region import BETA
 from facelab.motion import MotionSequence, WeightSequence
 from facelab.numeric.least_squares import solve_bounded
 from facelab.numeric.threads import one_thread
 from facelab.posing.ranges import (
-    BETA,
     CONDITION,
     GAMMA,
+    LARGEST,
     LIMITS,
     check_beta,
     check_gamma,
@@ -279,8 +280,8 @@ class PoseSolver:
 
     @property
     def mold_bounds(self):
-        """Ends of what a slider may be set to, None where there are none: a pair."""
-        return (None, None) if self.bounds is None else self.bounds
+        """Ends of what a slider may be set to: a pair."""
+        return (-LARGEST, LARGEST) if self.bounds is None else self.bounds
 
     @property
     def mold_ends(self):
@@ -392,7 +393,9 @@ class _Problem:
         share = 0 if failed else dpocon(factor, np.abs(self._A).sum(axis=0).max())[0]
         if not share * CONDITION >= 1:
             solver = self.solver
-            pins = f" and weights from {min(weights):g} to {max(weights):g}" * bool(len(weights))
+            pins = ""
+            if len(weights):
+                pins = f" and weights from {weights.min():g} to {weights.max():g}"
             raise ValueError(
                 f"beta={solver.beta:g}, gamma={solver.gamma:g}{pins} lie too far apart: the "
                 f"condition number of Eq. 10 is {1 / max(share, 1e-16):.0e}, and beyond "

@@ -150,7 +150,9 @@ def test_a_stroke_that_comes_back_leaves_what_could_be_redone():
     tick(c, 0)
     assert (c.state, c.n_undo, c.n_redo) == (0, 0, 1)
     tick(c, 4)
+    tick(c, 5)
     assert (c.n_undo, c.n_redo) == (1, 0)
+    assert done(c) == [("add", 5), ("undo",), ("write", 0, 5)]
 
 
 def test_no_more_steps_are_kept_than_asked_for():
