@@ -7,6 +7,7 @@ import numpy as np
 
 from facelab.checks import as_finite, check_choice
 from facelab.geometry.mesh import TriangleMesh
+from facelab.geometry.size import check_face_size
 from facelab.posing.clips import check_clip
 from facelab.storage import atomic_path
 
@@ -45,6 +46,11 @@ def write_glb(
         For shapes that do not fit, names twice, times that do not ascend, or what is no mesh;
         nothing is written.
 
+    Warns
+    -----
+    UserWarning
+        If the size of the mesh is no face's in millimetres.
+
     References
     ----------
     Khronos Group, glTF 2.0 specification, sections 3.6, 3.7 and 3.11.
@@ -52,6 +58,7 @@ def write_glb(
     check_choice(interpolation, "interpolation", ("LINEAR", "STEP", "SMOOTH"))
     if not isinstance(mesh, TriangleMesh):
         raise TypeError(f"mesh is a {type(mesh).__name__}; give a TriangleMesh.")
+    check_face_size(mesh.vertices, "mesh")
     n = mesh.n_vertices
     deltas = np.zeros((0, n, 3)) if deltas is None else deltas
     deltas = as_finite(deltas, "deltas", ("n_targets", n, 3))

@@ -269,6 +269,11 @@ def test_what_is_no_mesh_or_no_path_is_called_so(path, arguments, message):
     assert not path.exists()
 
 
+def test_a_face_in_metres_is_noticed_before_it_shrinks_to_a_speck(path, face):
+    with pytest.warns(UserWarning, match="mesh: its longest side .* metres: multiply .* by 1000"):
+        write_glb(path, face.with_vertices(face.vertices / np.ptp(face.vertices) / 5))
+
+
 def test_the_other_programs_see_metres(path, face):
     write_glb(path, face)
     at = Reader(path).json["accessors"][0]
