@@ -21,6 +21,8 @@ alpha          anchor_weight         pull of the anchors of a deformation     Yu
 ============== ===================== ======================================== ================
 """
 
+import warnings
+
 from facelab import (
     data,
     expression,
@@ -94,3 +96,16 @@ __all__ = [
     "segmentation",
     "studies",
 ]
+
+
+def __getattr__(name):
+    """Names that stood here before there were rooms are still found, with a word."""
+    if not name.startswith("_"):
+        for room in (data, expression, files, geometry, models, posing, registration, segmentation):
+            if name in getattr(room, "__all__", ()):
+                where = f"{room.__name__}.{name}"
+                warnings.warn(
+                    f"facelab.{name} is now {where}; use that.", DeprecationWarning, stacklevel=2
+                )
+                return getattr(room, name)
+    raise AttributeError(f"facelab has no {name!r}; see dir(facelab) and its rooms.")
