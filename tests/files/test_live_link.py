@@ -286,6 +286,16 @@ def test_a_last_row_cut_short_is_left_out_with_a_word(read, kept, end):
     np.testing.assert_array_equal(take.weights, values(40, 61)[:39, :52])
 
 
+@pytest.mark.parametrize("last", ["", "-"])
+def test_a_last_number_that_is_cut_to_none_is_left_out_too(read, last):
+    text = live_link(CODES)
+    text = text[: text.rindex(",") + 1] + last
+    with pytest.warns(UserWarning, match="last row, line 41, is cut short and left out"):
+        assert read(text).n_frames == 39
+    with pytest.raises(ValueError, match="line 41, column RightEyeRoll"):
+        read(text + "\n")
+
+
 def test_a_row_cut_short_in_the_middle_is_refused(read):
     lines = live_link(CODES).splitlines(keepends=True)
     lines[20] = lines[20][:100] + "\n"
