@@ -218,7 +218,8 @@ def save_npz(path, kind, version, **arrays):
             f"{', '.join(objects)}: Python objects cannot be stored; give plain arrays."
         )
     with atomic_path(path) as part, open(part, "wb") as out:
-        about = dict(facelab_kind=kind, facelab_version=version, facelab_arrays=sorted(arrays))
+        listed = np.array(sorted(arrays), dtype=str)  # so that one taken away is missed
+        about = dict(facelab_kind=kind, facelab_version=version, facelab_arrays=listed)
         np.savez_compressed(out, **about, **arrays)
 
 
@@ -255,7 +256,7 @@ def open_npz(path, kind, version):
                 f"{version} is wanted; make the file again with this version of facelab."
             )
         if "facelab_arrays" in stored:  # older files do not say what they hold
-            stored.refuse_missing(stored.read("facelab_arrays", ("n_arrays",), "Uf").tolist())
+            stored.refuse_missing(stored.read("facelab_arrays", ("n_arrays",), "U").tolist())
         try:
             yield stored
         except NpzError:

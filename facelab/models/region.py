@@ -460,7 +460,7 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         if "variances" in stored:
             variances = _variances(stored.read("variances", (sum(counts),), "f"), counts)
         rows = np.split(flat, np.cumsum(sizes)[:-1])
-        components = [x.reshape(n, -1) for x, n in zip(rows, counts, strict=True)]
+        components = [x.reshape(n, w) for x, n, w in zip(rows, counts, widths, strict=True)]
         return model.set_bases(mean, members, components, variances)
 
     @classmethod

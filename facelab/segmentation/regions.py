@@ -56,11 +56,12 @@ class Regions:
 
     def __post_init__(self):
         labels = as_labels(self.labels, self.mesh)
-        missing = sorted(set(range(int(labels.max()) + 1)) - set(labels.tolist()))
+        most = min(int(labels.max()) + 1, len(labels) + 5)  # a label may be any number at all
+        missing = np.setdiff1d(np.arange(most), labels)[:5].tolist()
         if labels.min() < 0 or missing:
             raise ValueError(
                 f"labels must use every number from 0 up; smallest {labels.min()}, "
-                f"unused {missing[:5]}."
+                f"unused {missing}."
             )
         check_choice(self.sharing, "sharing", ("one-sided", "both", "none"))
         what = "edges across a shared band (to share nothing, set sharing='none')"
@@ -108,6 +109,8 @@ class Regions:
                     if self.sharing == "one-sided":  # only later regions reach into earlier ones
                         reached = reached[self.labels[reached] <= i]
                     grown[i, reached] = True
+                if (grown == member).all():
+                    break  # bands wider than the face are as wide as the face
                 member = grown
         return [np.flatnonzero(m) for m in member]
 

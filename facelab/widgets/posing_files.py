@@ -147,8 +147,9 @@ class FilePanel(Panel):
         return button
 
     def _list_files(self):
-        found = Path(self.lab.folder).glob("*.json")
-        names = {p.name.removesuffix(".json").removesuffix(".clip") for p in found}
+        found = [p.name for p in Path(self.lab.folder).glob("*.json")]
+        shown = [name for name in found if not name.startswith(".")]  # the rest is unfinished
+        names = {name.removesuffix(".json").removesuffix(".clip") for name in shown}
         self.name.options = sorted(names)[:200]
 
     def _path(self, ending):
