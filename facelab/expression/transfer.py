@@ -16,6 +16,7 @@ from facelab.expression.units import find_alignment, sketch_positions
 from facelab.geometry.binding import bind_to_surface
 from facelab.geometry.deformation import LaplacianDeformer
 from facelab.geometry.mesh import TriangleMesh
+from facelab.geometry.size import check_face_size
 from facelab.motion import MotionSequence
 from facelab.numeric.sparse import SparseFactor
 from facelab.registration.fit import fit_scan
@@ -208,6 +209,7 @@ class IntermediateSpace:
     def __init__(self, source, target, method="transfer", register=None, preset="close"):
         check_type(source, "source", BlendshapeRig, "of an actor, take actor_rig(...).linear()")
         check_type(target, "target", TriangleMesh, "give the neutral face as a mesh")
+        check_face_size(target.vertices, "target")
         alike = _alike(source.neutral, target)
         if register is False and not alike:
             raise ValueError("register=False, but target has other triangles; leave it out.")

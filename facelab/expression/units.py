@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from facelab.checks import as_finite, check_choice, check_number, check_type
 from facelab.geometry.alignment import Alignment, procrustes
 from facelab.geometry.mesh import TriangleMesh
+from facelab.geometry.size import check_face_size
 from facelab.numeric.threads import one_thread
 from facelab.rig import BlendshapeRig
 
@@ -161,6 +162,7 @@ def prepare_units(rig, still="drop", dependent="refuse", min_motion=0.1):
         If units are still or dependent and refused, or if none is left.
     """
     check_type(rig, "rig", BlendshapeRig, "or a UnitBasis, which comes from one (prepare_units)")
+    check_face_size(rig.neutral.vertices, "rig")
     check_choice(still, "still", ("drop", "refuse"))
     check_choice(dependent, "dependent", ("refuse", "drop"))
     min_motion = check_number(min_motion, "min_motion", low=0)

@@ -9,6 +9,7 @@ from facelab.checks import as_finite, check_index, check_type
 from facelab.face_model import FaceModel
 from facelab.geometry.binding import LinearBinding
 from facelab.geometry.mesh import TriangleMesh
+from facelab.geometry.size import check_face_size
 from facelab.geometry.symmetry import MIRROR, check_partners, mirror_partners
 from facelab.posing.ranges import check_displacement, check_size, check_weight
 from facelab.posing.solver import PoseSolver
@@ -34,6 +35,7 @@ class PosedFace:
     def __init__(self, neutral, binding, shared_pins, partners):
         if not isinstance(neutral, TriangleMesh):
             raise TypeError(f"neutral is a {type(neutral).__name__}; give a TriangleMesh.")
+        check_face_size(neutral.vertices, "neutral")
         if not (binding is None or isinstance(binding, LinearBinding)):
             raise TypeError(
                 f"binding is a {type(binding).__name__}; give the LinearBinding of "

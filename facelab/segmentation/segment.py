@@ -16,6 +16,7 @@ from tqdm.auto import tqdm
 
 from facelab.checks import check_choice, check_count, check_number, check_type
 from facelab.geometry.mesh import TriangleMesh
+from facelab.geometry.size import check_face_size
 from facelab.motion import MotionSequence
 from facelab.numeric.threads import one_thread
 from facelab.segmentation.clusters import (
@@ -78,6 +79,7 @@ class Affinity:
         """
         check_type(motion, "motion", MotionSequence, "MotionSequence(positions, fps, mesh)")
         motion.mesh.check_connected()
+        check_face_size(motion.mesh.vertices, "motion")
         positions = motion.positions if motion.valid.all() else motion.positions[motion.valid]
         C_bar = motion_correlation(positions)
         return cls(motion.mesh, C_bar, motion.mesh.geodesics(), **settings)
