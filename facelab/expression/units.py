@@ -66,19 +66,6 @@ class UnitBasis:
     def _flat(self):
         return np.asarray(self.rig.deltas, dtype=float).reshape(len(self.rig.names), -1)
 
-    def moved(self, weights):
-        """Displacements that weights of all units make (Eq. 1), mm, shape (n_vertices, 3)."""
-        return (weights @ self._flat).reshape(-1, 3)
-
-    def clamped(self, moved):
-        """Displacements with vertices beyond their boundary fallen back to it."""
-        length = np.linalg.norm(moved, axis=1)
-        return moved * np.minimum(1, self.limit / np.maximum(length, 1e-300))[:, None]
-
-    def excess(self, moved):
-        """How far displacements go beyond the boundary of each vertex, mm, (n_vertices,)."""
-        return np.maximum(np.linalg.norm(moved, axis=1) - self.limit, 0)
-
     @cached_property
     def limit(self):
         """Vertex boundary: the largest displacement a unit gives it, mm, shape (n_vertices,)."""
@@ -110,7 +97,7 @@ class UnitBasis:
 
     def moved(self, weights):
         """What weights of all units, (K,), add to the neutral: sum w_i d_i, (n_vertices, 3), mm."""
-        return np.tensordot(weights, self.rig.deltas, axes=1)  # Eq. 1
+        return (weights @ self._flat).reshape(-1, 3)  # Eq. 1
 
     def excess(self, moved):
         """How far displaced vertices are beyond their boundary, mm, shape (n_vertices,).
