@@ -67,23 +67,6 @@ class UnitBasis:
     def _flat(self):
         return np.asarray(self.rig.deltas, dtype=float).reshape(len(self.rig.names), -1)
 
-    def moved(self, weights):
-        """Displacements that weights of all units make (Eq. 1), mm, shape (n_vertices, 3)."""
-        return (weights @ self._flat).reshape(-1, 3)
-
-    def clamped(self, moved):
-        """Displacements (n_vertices, 3) with vertices beyond their boundary fallen back to it."""
-        length = np.linalg.norm(moved, axis=1)
-        return moved * np.minimum(1, self.limit / np.maximum(length, 1e-300))[:, None]
-
-    def excess(self, moved):
-        """How far displacements go beyond the boundary of each vertex, mm, (n_vertices,).
-
-        The boundary is the largest displacement that any one unit gives the vertex. Weights within
-        [0, 1] do not keep it: units add up.
-        """
-        return np.maximum(np.linalg.norm(moved, axis=1) - self.limit, 0)
-
     @cached_property
     def limit(self):
         """Vertex boundary: the largest displacement a unit gives it, mm, shape (n_vertices,)."""
@@ -112,6 +95,23 @@ class UnitBasis:
         """
         c = self.Q.T @ d
         return c, float(((d - self.Q @ c) ** 2).sum())
+
+    def moved(self, weights):
+        """What weights of all units, (K,), add to the neutral: sum w_i d_i, (n_vertices, 3), mm."""
+        return (weights @ self._flat).reshape(-1, 3)  # Eq. 1
+
+    def excess(self, moved):
+        """How far displaced vertices are beyond their boundary, mm, shape (n_vertices,).
+
+        The boundary of a vertex is the largest displacement that any one unit gives it. Weights
+        within [0, 1] do not keep it: units add up.
+        """
+        return np.maximum(np.linalg.norm(moved, axis=1) - self.limit, 0)
+
+    def clamped(self, moved):
+        """Displacements, (n_vertices, 3), that fall back to the boundary where they exceed it."""
+        length = np.linalg.norm(moved, axis=1)
+        return moved * np.minimum(1, self.limit / np.maximum(length, 1e-300))[:, None]
 
     def folds(self, n_folds, n_patches):
         """Parts of the face to be left out in turn, found once.

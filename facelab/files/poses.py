@@ -5,13 +5,24 @@ one is refused with the reason, and nothing changes. Files are written whole or 
 """
 
 import json
+import sys
+from contextlib import contextmanager
 
+from facelab.files.json_items import load_json
 from facelab.posing.clips import Clip, check_clip
 from facelab.posing.fingerprint import differs, fingerprint
+from facelab.posing.log import check_log
+from facelab.posing.session import PosingSession
 from facelab.posing.state import state_from_dict, state_to_dict
+from facelab.posing.stored import check_entries, entry
 from facelab.storage import atomic_path, existing_file
 
 _VERSION = 1
+_HEAD = "format", "version", "mesh"
+_CONTENT = {
+    "pose": ("name", "state", "log"),
+    "clip": ("model", "times", "poses", "easing", "names"),
+}
 
 
 def save_pose(path, session, name=""):
@@ -54,17 +65,24 @@ def load_pose(path, session, models=()):
     FileNotFoundError, ValueError
         For a missing, damaged or newer file, or one of another face or model; nothing changes.
     """
-    stored = _read(path, "pose", session)
-    with _said_of(path):
-        session.restore(state_from_dict(stored["state"], session, models))
+    with _read(path, "pose", session) as stored:
+        entry(stored, "name", str)
+        session.restore(state_from_dict(entry(stored, "state", dict), session, models))
     return session.state
 
 
 def read_log(path):
-    """The log of edits that was saved with a pose: list of dict."""
-    stored = _read(path, "pose")
-    with _said_of(path):
-        return list(stored["log"])
+    """The log of edits that was saved with a pose, for `facelab.posing.replay`: list of dict.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        For a missing, damaged or newer file, and for entries that are no edits.
+    """
+    with _read(path, "pose") as stored:
+        log = entry(stored, "log", list)
+        check_log(log, PosingSession)
+    return log
 
 
 def _write(path, kind, session, content):
@@ -78,48 +96,36 @@ def _write(path, kind, session, content):
         part.write_text(text, encoding="utf-8")
 
 
+@contextmanager
 def _read(path, kind, session=None):
-    """The content of a file of this kind, for the face of the session."""
+    """The content of a file of this kind, for the face of the session; errors inside name it."""
     path = existing_file(path, f"{kind} file")
-    with _said_of(path):
-        try:
-            stored = json.loads(path.read_text(encoding="utf-8"))
-        except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-            raise ValueError(f"it is damaged or no JSON ({error}); save it again.") from None
-        if not isinstance(stored, dict) or stored.get("format") != f"facelab-{kind}":
-            raise ValueError(f"it is not a {kind} file of facelab.")
-        version = stored.get("version")
-        if not isinstance(version, int) or version < 1:
-            raise ValueError(f"its version is {version!r}; save it again.")
-        if version > _VERSION:
-            raise ValueError(
-                f"it is of version {version}, newer than the {_VERSION} that is known here; update "
-                "facelab."
-            )
-        if session is not None:
-            reason = differs(stored["mesh"], fingerprint(session.neutral))
-            if reason:
-                raise ValueError(f"it is of another face: {reason}; load it with that face.")
-        return stored
+    stored = load_json(path.read_bytes(), path, f"{kind} file").value
+    try:
+        if stored.get("format") != f"facelab-{kind}":
+            raise ValueError(f"it is not a {kind} file of facelab")
+        _check_finite(stored)
+        check_entries(stored, (*_HEAD, *_CONTENT[kind]))
+        version = entry(stored, "version", int)
+        if version != _VERSION:
+            remedy = "newer than known here: update facelab" if version > 1 else "save it again"
+            raise ValueError(f"it is of version {str(version)[:9]}, {remedy}")
+        face = entry(stored, "mesh", dict)
+        reason = differs(face, fingerprint(session.neutral) if session else face)
+        if reason:
+            raise ValueError(f"it is of another face: {reason}; load it with that face")
+        yield stored
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path}: {str(error).rstrip('.')}.") from error
 
 
-class _said_of:
-    """Errors inside, also those of missing or misshapen entries, become one that names the file."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, kind, error, trace):
-        if isinstance(error, (KeyError, TypeError, AttributeError, IndexError)):
-            raise ValueError(
-                f"{self.path}: it is damaged, an entry is missing or misshapen ({error}); save it "
-                "again."
-            ) from error
-        if isinstance(error, ValueError):
-            raise ValueError(f"{self.path}: {error}") from error
+def _check_finite(value):
+    """Refuse numbers that no float holds, anywhere in what was read."""
+    if isinstance(value, (list, dict)):
+        for each in value.values() if isinstance(value, dict) else value:
+            _check_finite(each)
+    elif isinstance(value, (int, float)) and not abs(value) <= sys.float_info.max:
+        raise ValueError("it is damaged: it holds a number beyond what a float can hold")
 
 
 def save_clip(path, clip, session):
@@ -143,10 +149,10 @@ def save_clip(path, clip, session):
 
 def load_clip(path, session):
     """The clip of a file, refused as by `load_pose` unless it is of the session's model."""
-    stored = _read(path, "clip", session)
-    with _said_of(path):
-        if reason := differs(stored["model"], fingerprint(session.model)):
-            raise ValueError(f"it was made with another model: {reason}; use that model.")
-        clip = Clip(stored["times"], stored["poses"], stored["easing"], stored["names"])
+    with _read(path, "clip", session) as stored:
+        if reason := differs(entry(stored, "model", dict), fingerprint(session.model)):
+            raise ValueError(f"it was made with another model: {reason}; use that model")
+        times, poses, names = (entry(stored, x, list) for x in ("times", "poses", "names"))
+        clip = Clip(times, poses, entry(stored, "easing", str), names)
         check_clip(clip, session)
-        return clip
+    return clip

@@ -315,9 +315,9 @@ def edit(method=None, *, over=None, **forms):
     return wrapper
 
 
-def edit_named(session, name):
-    """The edit that a session declares under a name, the setter of a property too, or None."""
-    found = getattr(type(session), name, None)
+def edit_named(kind, name):
+    """The edit that a class of sessions declares by a name, also to set a property, or None."""
+    found = getattr(kind, name, None)
     found = getattr(found, "fset", found)
     return found if hasattr(found, "reads") else None
 

@@ -4,8 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facelab.checks import as_finite, check_choice, check_index, check_number
+from facelab.checks import as_finite, check_choice, check_index, check_number, check_type
+from facelab.posing.ranges import check_size
 from facelab.posing.state import frozen_copy
+
+_LONGEST = 1e6  # seconds that a clip may last
+_MOST = 2.5e8  # numbers that samples of it may take in memory
 
 
 def interpolate(a, b, share):
@@ -31,7 +35,7 @@ class Clip:
     Parameters
     ----------
     times : array_like of shape (K,)
-        Seconds, 0 or more, ascending.
+        Seconds, 0 to a million, ascending.
     poses : array_like of shape (K, P)
         Coefficients, counted from the neutral.
     easing : {"smooth", "linear"}
@@ -43,7 +47,8 @@ class Clip:
     Raises
     ------
     ValueError
-        For times that do not ascend, poses that are not finite, or names of another number.
+        For times that do not ascend, poses that are not finite or beyond any face, or names of
+        another number.
     """
 
     times: np.ndarray
@@ -56,11 +61,15 @@ class Clip:
         poses = as_finite(self.poses, "poses", (len(times), "P"))
         if not len(times):
             raise ValueError("times is empty: a clip needs at least one key.")
-        if times[0] < 0 or (np.diff(times) <= 0).any():
-            raise ValueError(f"times={times.tolist()} must ascend from 0 or more, each once.")
+        if times[0] < 0 or times[-1] > _LONGEST or (np.diff(times) <= 0).any():
+            shown = ", ".join(f"{t:g}" for t in times[:6]) + ", ..." * (len(times) > 6)
+            raise ValueError(
+                f"times={shown} must ascend from 0 or more to at most {_LONGEST:g}, each once."
+            )
+        check_size(poses)
         names = self.names
         names = [f"key {k + 1}" for k in range(len(times))] if names is None else names
-        names = tuple(map(str, names))
+        names = tuple(check_type(n, "a name of a key", str, "give texts") for n in names)
         if len(names) != len(times):
             raise ValueError(f"names has {len(names)} entries for {len(times)} keys.")
         check_choice(self.easing, "easing", ("smooth", "linear"))
@@ -139,8 +148,14 @@ class Clip:
             Seconds, from 0 to the last beat within the clip.
         coefficients : ndarray of shape (n_frames, P)
         """
-        fps = check_number(fps, "fps", above=0)
-        times = np.arange(int(np.floor(self.duration * fps + 1e-9)) + 1) / fps
+        fps = check_number(fps, "fps", above=0, high=1000)
+        n = int(np.floor(self.duration * fps + 1e-9)) + 1
+        if n * sum(self.poses.shape) > _MOST:
+            raise ValueError(
+                f"fps={fps:g} makes {n:,} poses of {self.duration:g} s, more than memory should "
+                "hold; sample a part of them with `at`."
+            )
+        times = np.arange(n) / fps
         return times, self.shares(times) @ self.poses
 
 
@@ -154,3 +169,10 @@ def check_clip(clip, session):
             f"clip has {found} coefficients in each pose, but the session's model has {P}; use the "
             "model that made the clip."
         )
+    if session.model.bounds is not None:
+        low, high = session.model.bounds
+        if clip.poses.min() < low or clip.poses.max() > high:
+            raise ValueError(
+                f"clip has coefficients from {clip.poses.min():g} to {clip.poses.max():g}, but "
+                f"those of the session's model lie between {low:g} and {high:g}."
+            )

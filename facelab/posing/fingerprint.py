@@ -4,11 +4,11 @@ import hashlib
 
 import numpy as np
 
+from facelab.checks import as_finite, check_number
 from facelab.geometry.mesh import TriangleMesh
+from facelab.posing.stored import entry
 
 _PROBES = 4  # random projections in a fingerprint
-
-
 _CLOSE = 1e-6  # of their size: the same training on another machine differs by rounding
 
 
@@ -40,15 +40,24 @@ def _print(kind, sizes, arrays):
 
 
 def differs(stored, own):
-    """What differs between two fingerprints, in words; empty if nothing does."""
-    if stored["kind"] != own["kind"]:
-        return f"it is of a {stored['kind']}, not of a {own['kind']}"
-    if stored["sizes"] != own["sizes"]:
-        return f"its sizes or names are {_short(stored['sizes'])}, not {_short(own['sizes'])}"
-    off = np.abs(np.subtract(stored["probes"], own["probes"])).max()
+    """What differs between a stored fingerprint and one's own, in words; empty if nothing does.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If it is no fingerprint.
+    """
+    kind, sizes = entry(stored, "kind", str), entry(stored, "sizes", list)
+    probes = as_finite(entry(stored, "probes", list), "probes", (_PROBES,))
+    scale = check_number(entry(stored, "scale", float), "scale", low=0)
+    if kind != own["kind"]:
+        return f"it is of a {kind[:20]}, not of a {own['kind']}"
+    if sizes != own["sizes"] or list(map(type, sizes)) != list(map(type, own["sizes"])):
+        return f"its sizes or names are {_short(sizes)}, not {_short(own['sizes'])}"
+    off = np.abs([*probes - own["probes"], scale - own["scale"]]).max()
     return "its numbers are others" if off > _CLOSE * own["scale"] else ""
 
 
 def _short(sizes):
-    shown = ", ".join(map(str, sizes[:6]))
+    shown = ", ".join(str(size)[:20] for size in sizes[:6])
     return shown + (", ..." if len(sizes) > 6 else "")

@@ -4,6 +4,10 @@ import contextlib
 import inspect
 
 from facelab.numeric.undo import edit_named
+from facelab.posing.stored import check_entries
+from facelab.posing.stored import entry as entry_of
+
+_WALKS = {"undo": (), "redo": (), "seal": (), "group": ("key",), "end": ()}  # seal: of old logs
 
 
 def replay(log, session, models=()):
@@ -28,35 +32,47 @@ def replay(log, session, models=()):
         For an entry that is no edit, or that fails, for a log that ends inside a group, and for
         what is no list; nothing changes.
     """
-    if not isinstance(log, (list, tuple)):
-        raise TypeError(
-            f"log is a {type(log).__name__}; give a list of entries (`read_log(path)`)."
-        )
+    check_log(log, type(session))
     with session.history.whole():
         _play(iter(enumerate(list(log))), session, models)
     return session
 
 
-def _play(entries, session, models, inside=False):
-    """Do edits one after another; those inside a group up to its end."""
-    for i, entry in entries:
+def check_log(log, kind):
+    """Refuse what is no log of a kind of session: unknown edits, arguments, groups left open."""
+    if not isinstance(log, (list, tuple)):
+        raise TypeError(
+            f"log is a {type(log).__name__}; give a list of entries (`read_log(path)`)."
+        )
+    inside = False
+    for i, entry in enumerate(log):
         with _named(i, entry):
-            do, arguments = _parts(entry)
-            if do == "group":
-                if inside:
-                    raise ValueError("a group is open already")
-                group = session.group(**_checked(arguments, (), ("key",)))
-            elif do == "end":
-                if not inside:
-                    raise ValueError("no group is open")
-                return
-            else:
-                _redo(do, arguments, session, models)
-                continue
-        with group:
-            _play(entries, session, models, inside=True)
+            do = _check_entry(entry, kind)
+            if do in ("group", "end"):
+                if inside == (do == "group"):
+                    raise ValueError("a group is open already" if inside else "no group is open")
+                inside = not inside
     if inside:
         raise ValueError("log ends inside a group: its 'end' is missing.")
+
+
+def _check_entry(entry, kind):
+    """What an entry does, refused if its arguments are not those of that."""
+    do, needed = entry_of(entry, "do", str), ()
+    known = _WALKS.get(do)
+    if known is None:
+        edit = edit_named(kind, do)
+        if edit is None:
+            raise ValueError("no such edit")
+        takes = list(inspect.signature(edit).parameters.values())[1:]
+        known, needed = ([p.name for p in takes], [p.name for p in takes if p.default is p.empty])
+    if "t" in entry:
+        entry_of(entry, "t", float)
+    for name in needed:
+        if name not in entry:
+            raise ValueError(f"its entry {name!r} is missing")
+    check_entries(entry, ("t", "do", *known))
+    return do
 
 
 @contextlib.contextmanager
@@ -69,34 +85,23 @@ def _named(i, entry):
         raise ValueError(f"log[{i}] ({do}) cannot be done: {error}") from error
 
 
-def _parts(entry):
-    """What an entry does, and its arguments as they are written."""
-    if not isinstance(entry, dict):
-        raise TypeError("it is no dict with an entry 'do'")
-    if not isinstance(entry.get("do"), str):
-        raise ValueError("its entry 'do' is missing or no text")
-    return entry["do"], {k: v for k, v in entry.items() if k not in ("t", "do")}
-
-
-def _redo(do, arguments, session, models):
-    if do in ("undo", "redo", "seal"):  # seal: old logs have it
-        _checked(arguments, (), ())
-        {"undo": session.undo, "redo": session.redo, "seal": session.settle}[do]()
-        return
-    edit = edit_named(session, do)
-    if edit is None:
-        raise ValueError("no such edit")
-    known = list(inspect.signature(edit).parameters.values())[1:]
-    _checked(arguments, [p.name for p in known if p.default is p.empty], [p.name for p in known])
-    read = {k: edit.reads[k] for k in arguments if k in edit.reads}
-    edit(session, **arguments | {k: r(arguments[k], session, models) for k, r in read.items()})
-
-
-def _checked(arguments, needed, known):
-    """The arguments, refused if one is missing or too many."""
-    for name in needed:
-        if name not in arguments:
-            raise ValueError(f"its entry {name!r} is missing")
-    if more := [name for name in arguments if name not in known]:
-        raise ValueError(f"it takes no {', '.join(map(repr, more))}")
-    return arguments
+def _play(entries, session, models):
+    """Do edits one after another; those inside a group up to its end."""
+    for i, entry in entries:
+        do = entry["do"]
+        if do == "end":
+            return
+        arguments = {k: v for k, v in entry.items() if k not in ("t", "do")}
+        with _named(i, entry):
+            if do == "group":
+                group = session.group(**arguments)
+            elif do in _WALKS:
+                {"undo": session.undo, "redo": session.redo, "seal": session.settle}[do]()
+            else:
+                edit = edit_named(type(session), do)
+                for name in edit.reads.keys() & arguments.keys():
+                    arguments[name] = edit.reads[name](arguments[name], session, models)
+                edit(session, **arguments)
+        if do == "group":
+            with group:
+                _play(entries, session, models)

@@ -1,12 +1,13 @@
 """One moment of a posing session, as a value."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 
 import numpy as np
 
-from facelab.checks import as_finite, check_index, check_number
+from facelab.checks import as_finite, check_number
 from facelab.posing.fingerprint import differs, fingerprint
+from facelab.posing.stored import check_entries, entry
 
 
 def frozen_copy(array):
@@ -131,29 +132,33 @@ def state_to_dict(state):
 
 
 def state_from_dict(stored, session, models=()):
-    """The `PoseState` of a dict, checked against the session."""
-    model = find_model(stored["model"], session, models)
-    n = session.neutral.n_vertices
+    """The `PoseState` of a dict: all of the kind it should be; `session.restore` judges the rest.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For what is missing, of another kind, not finite, or there twice.
+    """
+    check_entries(stored, [f.name for f in fields(PoseState)])
     pins, weights, locked = {}, {}, set()
-    for pin in stored["pins"]:
-        v = check_index(pin["vertex"], "vertex", n, "vertices of the face")
-        pins[v] = as_finite(pin["displacement"], f"displacement of pin {v}", (3,))
-        weights[v] = check_number(pin["weight"], f"weight of pin {v}", above=0)
-        locked |= {v} if pin["locked"] else set()
-    P = model.n_coefficients
-    arrays = {x: as_finite(stored[x], x, (P,)) for x in ("c_0", "molded", "coefficients")}
-    limit = stored["limit"]
-    return replace(
-        session.state,
-        model=model,
-        beta=check_number(stored["beta"], "beta", low=0),
-        gamma=check_number(stored["gamma"], "gamma", above=0),
-        limit=limit if limit is None else check_number(limit, "limit", above=0),
-        pins=pins,
-        weights=weights,
-        locked=frozenset(locked),
-        **arrays,
-    )
+    for pin in entry(stored, "pins", list):
+        v = entry(pin, "vertex", int)
+        check_entries(pin, ("vertex", "displacement", "weight", "locked"))
+        if v in pins:
+            raise ValueError(f"vertex={v} is pinned twice")
+        pins[v] = as_finite(entry(pin, "displacement", list), f"displacement of pin {v}", (3,))
+        weights[v] = check_number(entry(pin, "weight", float), f"weight of pin {v}")
+        locked |= {v} if entry(pin, "locked", bool) else set()
+    model = find_model(entry(stored, "model", dict), session, models)
+    arrays = {
+        name: as_finite(entry(stored, name, list), name, (model.n_coefficients,))
+        for name in ("c_0", "molded", "coefficients")
+    }
+    beta, gamma = (check_number(entry(stored, x, float), x) for x in ("beta", "gamma"))
+    limit = entry(stored, "limit", float, type(None))
+    limit = limit if limit is None else check_number(limit, "limit")
+    kept = {"weights": weights, "locked": frozenset(locked), "limit": limit}
+    return PoseState(model, pins, beta, gamma, **arrays, **kept)
 
 
 def find_model(stored, session, models):

@@ -205,6 +205,8 @@ def test_an_edit_says_how_its_arguments_are_written_and_read():
     c.spell(word="ab")
     c.spell()
     assert done(c) == [("spell", 3), ("spell", 2), ("spell",)]
-    assert edit_named(c, "spell").reads["word"](3, c, ()) == "xxx"
-    assert edit_named(c, "mood") is Counter.mood.fset
-    assert all(edit_named(c, name) is None for name in ("bid", "history", "undo", "__init__", "x"))
+    assert edit_named(Counter, "spell").reads["word"](3, c, ()) == "xxx"
+    assert edit_named(Counter, "mood") is Counter.mood.fset
+    assert all(
+        edit_named(Counter, name) is None for name in ("bid", "history", "undo", "__init__", "x")
+    )

@@ -11,7 +11,7 @@ from facelab.geometry.mesh import TriangleMesh
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.posing.clips import Clip, interpolate
-from facelab.posing.fingerprint import fingerprint
+from facelab.posing.fingerprint import differs, fingerprint
 from facelab.posing.log import replay
 from facelab.posing.session import PosingSession
 from facelab.rig import BlendshapeRig
@@ -133,26 +133,68 @@ def changed_state(path, **entries):
 
 
 PIN = {"vertex": 3, "displacement": [0, 0, 1], "weight": 1, "locked": False}
+TWICE = [PIN, PIN]
 SPOILED = {
     "empty": (lambda p: p.write_text(""), "is empty; export the pose file again"),
-    "cut": (lambda p: p.write_text(p.read_text()[:-40]), "damaged or no JSON"),
-    "binary": (lambda p: p.write_bytes(b"\xff\xfe\0\1"), "damaged or no JSON"),
-    "a list": (lambda p: p.write_text("[1, 2]"), "not a pose file"),
+    "cut": (lambda p: p.write_text(p.read_text()[:-40]), "its JSON breaks off or is damaged"),
+    "binary": (lambda p: p.write_bytes(b"\xff\xfe\0\1"), "byte 0 of its JSON is no UTF-8"),
+    "a list": (lambda p: p.write_text("[1, 2]"), "its JSON is no object"),
     "another format": (lambda p: changed(p, format="facelab-clip"), "not a pose file"),
-    "newer": (lambda p: changed(p, version=2), "version 2, newer than the 1"),
-    "no version": (lambda p: changed(p, version=None), "version is None"),
-    "no state": (lambda p: changed(p, state=None), "damaged, an entry is missing or misshapen"),
-    "no mesh": (lambda p: changed(p, mesh={}), "damaged, an entry is missing"),
-    "no beta": (lambda p: changed_state(p, beta=None), "beta=None"),
+    "newer": (lambda p: changed(p, version=2), "version 2, newer than known here"),
+    "no version": (
+        lambda p: changed(p, version=None),
+        "its entry 'version' is null, but must be a whole number",
+    ),
+    "no state": (
+        lambda p: changed(p, state=None),
+        "its entry 'state' is null, but must be an object",
+    ),
+    "no mesh": (lambda p: changed(p, mesh={}), "its entry 'kind' is missing"),
+    "no beta": (
+        lambda p: changed_state(p, beta=None),
+        "its entry 'beta' is null, but must be a number",
+    ),
     "gamma": (lambda p: changed_state(p, gamma=0), "gamma=0"),
     "limit": (lambda p: changed_state(p, limit=-1), "limit=-1"),
     "too short": (lambda p: changed_state(p, coefficients=[0.0]), r"coefficients has shape \(1,\)"),
     "text": (lambda p: changed_state(p, c_0=["x"] * 20), "c_0 is a list that makes"),
     "NaN": (lambda p: changed_state(p, molded=[float("nan")] * 20), "NaN"),
     "vertex": (lambda p: changed_state(p, pins=[{**PIN, "vertex": 42}]), "vertex=42"),
-    "half a pin": (lambda p: changed_state(p, pins=[{"vertex": 3}]), "missing or misshapen"),
+    "half a pin": (
+        lambda p: changed_state(p, pins=[{"vertex": 3}]),
+        "its entry 'displacement' is missing",
+    ),
     "flat pin": (lambda p: changed_state(p, pins=[{**PIN, "displacement": [0]}]), "of pin 3 has"),
     "no weight": (lambda p: changed_state(p, pins=[{**PIN, "weight": 0}]), "weight of pin 3=0"),
+    "text for a number": (lambda p: changed_state(p, gamma="0.25"), "gamma' is a text"),
+    "truth for a number": (lambda p: changed_state(p, beta=True), "beta' is true or false"),
+    "text in a pin": (
+        lambda p: changed_state(p, pins=[{**PIN, "displacement": ["1", 0, 0]}]),
+        "displacement of pin 3 is a list that makes no array of numbers",
+    ),
+    "text for truth": (
+        lambda p: changed_state(p, pins=[{**PIN, "locked": "no"}]),
+        "'locked' is a text, but must be true or false",
+    ),
+    "two pins on a vertex": (lambda p: changed_state(p, pins=TWICE), "vertex=3 is pinned twice"),
+    "endless": (lambda p: changed_state(p, beta=10**400), "beyond what a float can hold"),
+    "twice": (
+        lambda p: p.write_text(p.read_text().replace('"beta":', '"beta": 1, "beta":')),
+        "the key 'beta' is in one object twice",
+    ),
+    "no fingerprint": (
+        lambda p: changed_state(p, model={**fingerprint(trained()), "probes": [1, 2, 3]}),
+        r"probes has shape \(3,\)",
+    ),
+    "other scale": (
+        lambda p: changed_state(p, model={**fingerprint(trained()), "scale": 1.0}),
+        "another model: its numbers are others",
+    ),
+    "more": (lambda p: changed(p, more=1), "it has 'more', which is unknown"),
+    "more in the state": (lambda p: changed_state(p, Beta=1), "it has 'Beta', which is unknown"),
+    "more in a pin": (lambda p: changed_state(p, pins=[{**PIN, "w": 1}]), "it has 'w', which"),
+    "nameless": (lambda p: changed(p, name=3), "'name' is a whole number, but must be a text"),
+    "a version of truth": (lambda p: changed(p, version=True), "'version' is true or false"),
 }
 
 
@@ -389,8 +431,8 @@ def test_a_log_that_fails_leaves_the_session_as_it_was_and_usable(session, name)
         ),
         ([{"do": "use"}], ValueError, "its entry 'model' is missing"),
         ([{}], ValueError, r"log\[0\] .* its entry 'do' is missing"),
-        (["x"], ValueError, r"log\[0\] \('x'\) cannot be done: it is no dict"),
-        ([None], ValueError, "it is no dict"),
+        (["x"], ValueError, r"log\[0\] \('x'\) cannot be done: it is no object"),
+        ([None], ValueError, "it is no object"),
         ([{"do": []}], ValueError, r"log\[0\] \(\[\]\) cannot be done"),
         ([{"do": "end"}], ValueError, "no group is open"),
         (FAILING_LOGS["never ended"], ValueError, "log ends inside a group"),
@@ -440,6 +482,52 @@ def test_the_log_shares_nothing_with_the_caller_and_is_json_whatever_was_given(s
     np.testing.assert_array_equal(entries[1]["target"], rest[8] + 1)
     assert entries[2]["weight"] == 2 and entries[2]["locked"] is True
     assert_same_pose(replay(read_log(path), fresh(session.model)), session)
+
+
+@pytest.mark.parametrize(
+    ("log", "message"),
+    [
+        ({}, "'log' is an object, but must be a list"),
+        ([3], r"log\[0\] \(3\) cannot be done: it is no object"),
+        ([{"t": 0, "do": "fly"}], "no such edit"),
+        ([{"t": "0", "do": "keep"}], "'t' is a text, but must be a number"),
+        ([{"t": 0, "do": "keep", "twice": True}], "it has 'twice', which is unknown"),
+        ([{"t": 0, "do": "mold", "region": 0}], "its entry 'component' is missing"),
+        ([{"t": 0, "do": "group"}], "log ends inside a group"),
+        ([{"t": 10**400, "do": "keep"}], "beyond what a float can hold"),
+    ],
+)
+def test_a_log_that_is_none_is_refused_when_it_is_read(session, path, log, message):
+    save_pose(path, session)
+    changed(path, log=log)
+    with pytest.raises(ValueError, match=message) as caught:
+        read_log(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("probe", [float("nan"), float("inf")])
+def test_a_fingerprint_that_is_not_finite_fits_no_model(session, probe):
+    own = fingerprint(session.model)
+    with pytest.raises(ValueError, match="probes holds 1 value"):
+        differs({**own, "probes": [probe, *own["probes"][1:]]}, own)
+    assert differs(own, own) == ""
+
+
+def test_logs_of_older_files_are_read_still(session):
+    old = [
+        {"t": 1, "do": "group", "key": "slider"},
+        {"t": 2, "do": "mold", "region": 0, "component": 0, "value": 1},
+        {"t": 3, "do": "end"},
+        {"t": 4, "do": "group", "key": "slider"},
+        {"t": 5, "do": "mold", "region": 0, "component": 0, "value": 2},
+        {"t": 6, "do": "end"},
+        {"t": 7, "do": "seal"},
+        {"t": 8, "do": "group", "key": "slider"},
+        {"t": 9, "do": "mold", "region": 0, "component": 0, "value": 3},
+        {"t": 10, "do": "end"},
+    ]
+    replay(old, session)
+    assert session.n_undo == 2 and [entry["value"] for entry in session.log] == [2, 3]
 
 
 # --- clips ----------------------------------------------------------------------------------------
@@ -551,6 +639,8 @@ def test_keys_that_cannot_be_are_refused(clip):
         clip.with_key(1, np.zeros(3))
     with pytest.raises(ValueError, match="fps=0"):
         clip.sample(0)
+    with pytest.raises(ValueError, match="more than memory should hold"):
+        Clip([0, 1e6], np.zeros((2, 20))).sample(1000)
 
 
 def test_a_clip_comes_back_from_its_file(session, clip, path):
@@ -567,8 +657,14 @@ def test_a_clip_comes_back_from_its_file(session, clip, path):
         ({"times": [0, 0, 1]}, "must ascend"),
         ({"poses": [[0.0]] * 3}, "clip has 1 coefficients in each pose, .* has 20"),
         ({"names": None, "version": 7}, "newer"),
-        ({"easing": 4}, "easing=4"),
-        ({"model": None}, "damaged"),
+        ({"easing": 4}, "'easing' is a whole number, but must be a text"),
+        ({"times": [0, 1, 2e6]}, "must ascend from 0 or more to at most 1e.06"),
+        ({"times": ["0", 1, 2]}, "times is a list that makes no array of numbers"),
+        ({"poses": [[True] * 20] * 3}, "poses is a list that makes no array of numbers"),
+        ({"poses": [[1e20] * 20] * 3}, "coefficients go up to 1e.20"),
+        ({"names": ["a", "b", 3]}, "a name of a key is a int"),
+        ({"names": ["a", "b"]}, "names has 2 entries for 3 keys"),
+        ({"model": None}, "'model' is null, but must be an object"),
     ],
 )
 def test_a_spoiled_clip_is_refused(session, clip, path, entries, message):
@@ -608,6 +704,13 @@ def test_a_clip_is_not_changed_through_the_arrays_it_was_made_of(clip):
     np.testing.assert_array_equal(made.poses, np.zeros((2, 3)))
     with pytest.raises(ValueError, match="read-only"):
         made.poses[0] = 1
+
+
+def test_a_clip_beyond_the_weights_of_its_rig_is_refused(rng, path):
+    mesh = corner_regions().mesh
+    session = fresh(BlendshapeRig(mesh, ["a", "b", "c"], rng.normal(size=(3, 42, 3))))
+    with pytest.raises(ValueError, match=r"from 0 to 1\.5, but those of the session's model lie"):
+        save_clip(path, Clip([0.0], [[0, 1.5, 0]]), session)
 
 
 def test_a_clip_of_another_model_is_refused(session, clip, path):
