@@ -323,9 +323,10 @@ def regress_expression(
     n, k = basis.rig.neutral.n_vertices, basis.kept
     scale = 1 / n if per_vertex else 1.0
     c, outside = basis.project(d)
-    H = scale * basis.gram + lam**2  # 11^T added: Eq. 9
+    # the gradient of Eq. 9 is H w - b - alpha pull, with H = D^T D / n + lam^2 1 1^T
+    H = scale * basis.gram + lam**2
     b = scale * (basis.R.T @ c)
-    pull = np.full(len(k), lam**2)
+    pull = np.full(len(k), lam**2)  # lam^2 1: how the right side grows with alpha
     try:
         knots, W, w = weights_over(H, b, pull, lo[k], hi[k], alphas)
         kkt = kkt_residual(H, b, pull, lo[k], hi[k], alphas, w)
@@ -392,6 +393,7 @@ def held_out_error(fit, n_folds=5, n_patches=50):
         H[np.diag_indices(len(k))] += 1e-7 * np.trace(basis.gram) / n * scale / len(k)
         inside = scale / (n - out.sum()) * (b - g)
         w = weights_over(H, inside, pull, fit.lo[k], fit.hi[k], fit.alphas)[2]
+        # |D w - d|^2 over the vertices left out, multiplied out: their Gram matrix is enough
         total += ((w @ G) * w).sum(axis=1) - 2 * w @ g + (d[out] ** 2).sum()
     return np.sqrt(np.maximum(total, 0) / n)
 
@@ -506,9 +508,9 @@ def two_step(rig, sketch, lam=1.0, bounds=(0, 1), share=0.1, align="check", per_
     given = {"bounds": bounds, "align": False, "per_vertex": per_vertex}
     dominant, _ = regress_expression(basis, V, lam, [0], **given).roles(share)
     rest = [n for n in basis.rig.names if n not in dominant]
-    coarse = regress_expression(basis, V, 0, [0], excluded=rest, **given)
+    coarse = regress_expression(basis, V, 0, [0], excluded=rest, **given)  # W_1 D of Eq. 6
     held = {n: coarse.weights[0, basis.rig.names.index(n)] for n in dominant}
-    fine = regress_expression(basis, V, 0, [0], locked=held, **given)
+    fine = regress_expression(basis, V, 0, [0], locked=held, **given)  # + W_r D_r
     return TwoStepFit(
         fine.weights[0],
         coarse.weights[0],

@@ -103,6 +103,7 @@ def _kabsch(source, target, weights):
     mean_s = weights @ source / total
     mean_t = np.matmul(weights[..., None, :], target)[..., 0, :] / total
     pull = weights[..., None] * (target - mean_t[..., None, :])  # its sum is 0: source may stay
+    # sum w |t - R s|^2 is least where trace(R^T C) is largest, C = sum w t s^T = U S V^T: R = U V^T
     U, S, Vt = np.linalg.svd(np.matmul(np.swapaxes(pull, -1, -2), source))
     sign = np.where(np.linalg.det(U) * np.linalg.det(Vt) < 0, -1.0, 1.0)
     U[..., 2] *= sign[..., None]  # the weakest direction gives way: still the best turn
@@ -184,6 +185,7 @@ def procrustes(source, target, weights=None, scale=False):
     R, mean_s, mean_t, S = _kabsch(s - middle, t, w)
     mean_s = mean_s + middle
     size_s, size_t = (w @ ((p - m) ** 2).sum(axis=1) for p, m in ((s, mean_s), (t, mean_t)))
+    # the same sum as a parabola of the scale f: size_t - 2 f trace(S) + f^2 size_s
     factor = float(S.sum() / size_s) if scale else 1.0
 
     def left(S):  # weighted squares that are left with singular values S
@@ -249,7 +251,7 @@ def rigid_motion(positions, reference, weights=None, robust=False, scale=1.0):
         off = target - np.matmul(known, np.swapaxes(turn, -1, -2))
         off -= place[:, None]
         off = np.einsum("fmx,fmx->fm", off, off)
-        if again < rounds:
+        if again < rounds:  # rho(d) = d^2 / (1 + d^2 / s^2), whose weight is (1 + d^2 / s^2)^-2
             w = W / (1 + off / (scale * _WIDTHS[again]) ** 2) ** 2
     rms[valid] = np.sqrt((w * off).sum(axis=1) / w.sum(axis=1))
     R[valid], shift[valid] = turn, place - turn @ middle

@@ -112,6 +112,7 @@ def bind_to_samples(mesh, samples, tolerance=1e-3, motion=None, trust=10.0):
         raise ValueError("samples names a vertex twice; each control vertex needs its own.")
     mesh.check_connected()
     L = mesh.laplacian("cotangent", normalised=False)
+    # bending u^T Q u, Q = L^T M^-1 L with M the areas: the same in millimetres at every density
     Q = sp.csc_array(L.T @ sp.diags_array(1 / np.maximum(mesh.vertex_areas, 1e-9)) @ L)
     free = np.setdiff1d(np.arange(n), samples)
     weights = sp.lil_array((n, len(samples)))
@@ -119,6 +120,7 @@ def bind_to_samples(mesh, samples, tolerance=1e-3, motion=None, trust=10.0):
     weights = sp.csr_array(weights)
     if free.size:
         rows = sp.csr_array(Q)[free]
+        # least where its gradient vanishes at the free: Q_ff u_f = -Q_fs u_s
         W = -SparseFactor(rows[:, free]).solve(rows[:, samples].toarray())
         W[np.abs(W) < tolerance] = 0
         W /= W.sum(axis=1, keepdims=True)
@@ -139,6 +141,7 @@ def _learned(weights, samples, mesh, motion, trust):
     strain = _STRAIN * (mesh.vertices - mesh.vertices.mean(axis=0)).T
     S, T = Y[:, samples], strain[:, samples]
     n = max(len(Y) / 3, 1)
+    # for each vertex: min |S w - y|^2 / n + |T w - t|^2 + |w - w_0|^2 / trust with sum(w) = 1
     G, R = S.T @ S / n + T.T @ T, S.T @ Y / n + T.T @ strain
     data = weights.data.copy()
     with one_thread():
@@ -147,6 +150,7 @@ def _learned(weights, samples, mesh, motion, trust):
             near, w = weights.indices[at], weights.data[at]
             H = G[np.ix_(near, near)]
             right = np.stack([R[near, v] - H @ w, np.ones(len(near))], axis=1)
+            # Lagrange: H' change = right side - mu 1, and mu so that the change sums to zero
             change, even = np.linalg.solve(H + np.eye(len(near)) / trust, right).T
             data[at] = w + change - even * (change.sum() / even.sum())  # rows still sum to one
     return sp.csr_array((data, weights.indices, weights.indptr), shape=weights.shape)

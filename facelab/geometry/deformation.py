@@ -49,7 +49,8 @@ class LaplacianDeformer:
         L = mesh.laplacian(weights)  # Eq. 11
         pull = np.zeros(mesh.n_vertices)
         pull[self.anchors] = self.anchor_weight**2
-        self._bent = L.T @ (L @ mesh.vertices)  # L^T delta
+        # Eq. 12 is |A V - b|^2, A = [L; alpha at the anchors], b = [delta; alpha anchors] (Eq. 14)
+        self._bent = L.T @ (L @ mesh.vertices)  # L^T delta, the part of A^T b that stays
         self._factor = SparseFactor(L.T @ L + sp.diags_array(pull))  # A^T A of Eq. 15
 
     def deform(self, positions):

@@ -332,7 +332,7 @@ class TriangleMesh:
             for k in range(3):  # the angle at corner k faces the edge between the two others
                 u, v = V[F[:, k - 2]] - V[F[:, k]], V[F[:, k - 1]] - V[F[:, k]]
                 area2 = np.linalg.norm(np.cross(u, v), axis=1)
-                a.append(F[:, k - 2])
+                a.append(F[:, k - 2])  # half the cotangent: u . v / |u x v| / 2
                 b.append(F[:, k - 1])
                 w.append((u * v).sum(axis=1) / np.maximum(area2, 1e-12) / 2)
             a, b, w = map(np.concatenate, (a, b, w))
@@ -340,7 +340,7 @@ class TriangleMesh:
         W = sp.csr_array(W + W.T)
         degree = np.asarray(W.sum(axis=1)).ravel()
         L = sp.diags_array(degree) - W
-        if normalised:
+        if normalised:  # Eq. 11: 1 on the diagonal, -alpha_ij = -w_ij / sum_j w_ij beside it
             L = sp.diags_array(1 / np.where(degree == 0, 1, degree)) @ L
         return sp.csr_array(L)
 

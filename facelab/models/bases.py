@@ -188,7 +188,7 @@ class RegionBases(FaceModel):
         """
         beta = check_number(self.beta, "beta", low=0)
         if beta not in self._fit_solvers:
-            A = beta * self.boundary_
+            A = beta * self.boundary_  # Eq. 7: (B^T B + beta L) zeta = B^T v, all regions at once
             for _, B, s in self.parts:
                 A[s, s] += B @ B.T
             self._fit_solvers.clear()  # that of the last beta is enough

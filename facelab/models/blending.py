@@ -59,6 +59,7 @@ class GradientBlend:
         weight = sp.diags_array(np.maximum(-L[a, b], 0))
         area = np.maximum(mesh.vertex_areas, mesh.vertex_areas.mean() / 100)
         anchor = sp.diags_array(area / reach**2)
+        # the gradient of the energy vanishes where S u = E^T w g + A / reach^2 m
         S = E.T @ weight @ E + anchor
         self._factor = SparseFactor(S)
         self._rhs = sp.csr_array(E.T @ weight @ g + anchor @ mean)

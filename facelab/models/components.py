@@ -44,7 +44,7 @@ def principal_components(X, n_components):
     wide = n_features > n_frames
     square = D @ D.T if wide else D.T @ D
     variances, components = _leading(square / max(n_frames - 1, 1), n_components)
-    if wide:
+    if wide:  # D D^T u = s u gives D^T D (D^T u) = s (D^T u): the same variances
         components = D.T @ components
     return mean, _signed(components), variances
 
@@ -83,6 +83,7 @@ class _Covariance:
 
     def end_pass(self, off, n_frames, number):
         if number == 1:
+            # sum (x - m)(x - m)^T = sum x x^T - n m m^T, x counted from a place near the mean
             self.sum -= n_frames * np.outer(off[self.columns], off[self.columns])
 
     def result(self, n_frames):

@@ -41,7 +41,7 @@ def rms_error(X, X_hat):
     >>> facelab.rms_error([[0.0, 0.0, 0.0]], [[3.0, 0.0, 4.0]])  # one vertex, off by 5 mm
     5.0
     """
-    return float(np.sqrt(frame_errors(X, X_hat).mean()))
+    return float(np.sqrt(frame_errors(X, X_hat).mean()))  # Eq. 13
 
 
 def frame_errors(X, X_hat):

@@ -33,7 +33,7 @@ def pivot(solve, times, g, lo, hi, at=None):
     fewest, patience = len(g) + 1, 10
     for _ in range(200 + 50 * len(g)):
         w = solve(at == 0, np.where(at < 0, lo, np.where(at > 0, hi, 0.0)))
-        y = times(w) - g
+        y = times(w) - g  # gradient: 0 where free, not negative at lo, not positive at hi (KKT)
         below = (at == 0) & (w < lo - 1e-12)
         above = (at == 0) & (w > hi + 1e-12)
         wrong = below | above | ((at * y > slack) & ~fixed)
@@ -81,6 +81,7 @@ def bounded_path(H, g, pull, lo, hi, start, stop):
     knots, W, stuck = [alpha], [w], 0
     with np.errstate(divide="ignore", invalid="ignore"):
         for _ in range(200 + 50 * len(g)):
+            # dw / dalpha where free: H_ff w_f' = pull_f; dy / dalpha of the gradient at the bounds
             free, w_rate = at == 0, M @ pull
             y_rate = H @ w_rate - pull
             to_bound = (np.where(w_rate > 0, hi, lo) - w) / w_rate
@@ -100,13 +101,14 @@ def bounded_path(H, g, pull, lo, hi, start, stop):
             if free[k]:
                 at[k] = 1 if w_rate[k] > 0 else -1
                 w[k] = hi[k] if w_rate[k] > 0 else lo[k]
+                # the inverse of a block without row and column k (Schur complement)
                 M -= M[:, k, None] * (M[k] / M[k, k])
                 M[k], M[:, k] = 0, 0
             y = H @ w - g - alpha * pull
             w = w - M @ y  # takes out rounding: M is 0 beyond the free
             if not free[k]:
                 at[k] = 0
-                v = M @ H[k]
+                v = M @ H[k]  # and with them again
                 left = H[k, k] - H[k] @ v
                 v[k] = -1
                 M += v[:, None] * (v / left)

@@ -382,7 +382,7 @@ class _Problem:
         rows = [np.sqrt(w) * J for (J, _), w in zip(pins, weights, strict=True)]
         J = np.concatenate([np.zeros((0, P)), *rows])
         self._seen = np.concatenate([np.zeros((0, P)), *map(solver.seen, self.vertices)])
-        self._A = solver.at_rest + J.T @ J
+        self._A = solver.at_rest + J.T @ J  # Eq. 10: sum B_k^T B_k + beta L + gamma W
         with one_thread():
             self._factor = self._factored(weights)
             self._settle()
@@ -407,6 +407,7 @@ class _Problem:
         """Make ready to solve."""
 
     def _right(self, targets, c_0, molded):
+        # Eq. 10 for y = c - c_0, the gaps of c_0 at the boundaries forgiven
         off = np.ravel(targets) - self._seen @ c_0
         return self.solver.last_term @ molded + self._pull @ off
 
@@ -471,6 +472,7 @@ class _Limited(_Problem):
             y = free if self._last is None else self._last
             for _ in range(200):
                 low, high = y < lo, y > hi
+                # (A + diag(stiff)_at)^-1 from A^-1 (Woodbury): a system of those beyond alone
                 at = np.flatnonzero(low | high)
                 small = self._inverse[np.ix_(at, at)]
                 small[np.diag_indices_from(small)] += 1 / stiff[at]

@@ -26,6 +26,7 @@ class MarkerLayout:
         preset = fit.preset
         self._B = rows(fit.mesh, fit.faces, fit.weights)
         self._C = smooth_field(fit.mesh, preset.motion_reach) / preset.motion_size
+        # the mode of a Gaussian field: prior C^T C, markers B u with noise of variance noise^2
         A = self._C.T @ self._C + self._B.T @ self._B / preset.noise**2
         self._solver = SparseFactor(A)
         self.carry = self._solver.solve(self._B.T.toarray() / preset.noise**2)
@@ -68,6 +69,7 @@ class MarkerLayout:
 
     def left_out(self, full):
         """How far each marker is from where the others lead it: (n_frames, n_markers, 3), mm."""
+        # of a linear smoother S: without its own marker the residual is r_i / (1 - S_ii)
         own = np.maximum(1 - np.diag(self.smooth), 1e-9)
         return (full - np.matmul(self.smooth, full)) / own[:, None]
 
@@ -78,6 +80,7 @@ class MarkerLayout:
         """
         rng = np.random.default_rng(random_state)
         n_markers, n = self._B.shape
+        # A^-1 (C^T e + B^T e' / noise) has covariance A^-1: what the markers leave open
         force = self._C.T @ rng.normal(size=(n, n_samples))
         force += self._B.T @ rng.normal(size=(n_markers, n_samples)) / self.fit.preset.noise
         return np.sqrt((self._solver.solve(force) ** 2).mean(axis=1))

@@ -42,10 +42,9 @@ GLUED, SEEN = (
 
 def smooth_field(mesh, reach):
     """C with C^T C = Q, the precision of a smooth field of variance about 1 on the surface."""
-    n = mesh.n_vertices
-    area = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3, 3), minlength=n)
-    area = np.maximum(area, 1e-6)
+    area = np.maximum(mesh.vertex_areas, 1e-6)
     L = mesh.laplacian("cotangent", normalised=False)
+    # (1 / reach^2 - Laplacian) u = white noise: a Matern field, its variance reach^2 / 4 pi
     C = sp.diags_array(area / reach**2) + L
     return sp.csr_array(sp.diags_array(reach / np.sqrt(4 * np.pi * area)) @ C)
 
@@ -65,6 +64,7 @@ def relaxed(mesh, start, match, preset):
     for slack in preset.stages:
         B, target, w = match(mesh.with_vertices(V), slack)
         W = sp.diags_array(w)
+        # u = V - start: min |C u|^2 / size^2 + (B (start + u) - target)^T W (...), its gradient 0
         V = start + SparseFactor(Q + B.T @ W @ B).solve(B.T @ W @ (target - B @ start))
         yield V
 

@@ -46,7 +46,7 @@ def spectral_embedding(A, k, rows="unit"):
 def normalised(A):
     """D^-1/2 A D^-1/2 without the diagonal of A, and the roots of the degrees."""
     A = np.array(A, dtype=float)
-    np.fill_diagonal(A, 0)
+    np.fill_diagonal(A, 0)  # Ng, Jordan and Weiss, steps 1 and 2
     degree = A.sum(axis=1)
     root = np.sqrt(np.where(degree > 0, degree, 1))
     A /= root[:, None]
@@ -62,11 +62,12 @@ def leading(L, k):
         X = X[:, np.argsort(-values)]
     else:
         X = eigh(L, subset_by_index=[n - k, n - 1])[1][:, ::-1]
+    # eigenvectors (step 3) have no sign of their own: the largest entry is made positive
     return X * np.sign(X[np.abs(X).argmax(axis=0), np.arange(k)])
 
 
 def unit_rows(X):
-    length = np.linalg.norm(X, axis=1, keepdims=True)
+    length = np.linalg.norm(X, axis=1, keepdims=True)  # step 4
     return X / np.where(length > 0, length, 1)
 
 
