@@ -60,7 +60,7 @@ def test_resampling_makes_up_no_frames():
 
 @pytest.mark.parametrize("fps", [0, -30, np.nan])
 def test_a_rate_that_is_none_is_refused(fps):
-    with pytest.raises(ValueError, match=r"fps=.*must be more than 0"):
+    with pytest.raises(ValueError, match=r"fps=.*must be .*more than 0"):
         weights().resampled(fps)
 
 
