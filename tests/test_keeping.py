@@ -367,6 +367,7 @@ def test_what_makes_the_actors_is_all_in_the_stamp_of_their_captures():
         seen.add(name)
         waiting += set(keeping._read(name)[1]) - seen
     wanted = {"data_synth.template.surface", "data_synth.muscles", "data_synth.actors"}
-    wanted |= {"data_synth.performance.speech", "facelab.files.c3d", "facelab.geometry.mesh"}
+    wanted |= {"data_synth.performance.speech", "facelab.files.markers.c3d"}
+    wanted |= {"facelab.geometry.mesh"}
     assert wanted <= seen
     assert not any(name.startswith("facelab.widgets") for name in seen)

@@ -14,7 +14,7 @@ from data_synth.capture.sites import Sites
 from data_synth.performance import SENTENCES
 from data_synth.units import UNITS
 from facelab.checks import check_choice
-from facelab.files import read_c3d
+from facelab.files.markers.c3d import read_c3d
 from facelab.keeping import fault, read_manifest, source_stamp
 from facelab.motion import MarkerSequence, WeightSequence
 from facelab.storage import load_npz

@@ -19,7 +19,7 @@ from data_synth.performance import (
     perform_sentence,
 )
 from data_synth.units import UNITS
-from facelab.files import write_c3d
+from facelab.files.markers.c3d_write import write_c3d
 from facelab.motion import MarkerSequence
 from facelab.storage import save_npz
 

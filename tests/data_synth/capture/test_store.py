@@ -100,12 +100,12 @@ def test_an_interrupted_run_leaves_nothing(tmp_path, tiny, monkeypatch, accident
 
 
 def test_a_full_disk_is_noticed_before_anything_is_sealed(tmp_path, tiny):
-    """A limit on the size of files: what is beyond it is cut, and the C3D writer says nothing."""
+    """A limit on the size of files stands for the disk."""
     resource = pytest.importorskip("resource")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, limits[1]))
     try:
-        with pytest.raises(OSError, match="is the disk full"):
+        with pytest.raises(OSError, match="disk is full"):
             open_capture("M1", tmp_path, "tiny", progress=False)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
