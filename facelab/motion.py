@@ -1,5 +1,6 @@
 """Sequences in time: positions of a mesh or of markers, weights of a rig. Arrays with names."""
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -19,6 +20,12 @@ def _valid_mask(valid, n_frames):
             f"the {n_frames} frames."
         )
     return valid
+
+
+def _refuse_doubled(names):
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice:
+        raise ValueError(f"names holds {', '.join(twice)} more than once; each needs its own.")
 
 
 class _Sequence:
@@ -193,9 +200,7 @@ class WeightSequence(_Sequence):
                 f"weights has shape {weights.shape}, but {len(names)} names ask for "
                 f"(n_frames, {len(names)})."
             )
-        twice = sorted({n for n in names if names.count(n) > 1})
-        if twice:
-            raise ValueError(f"names holds {', '.join(twice)} more than once; each needs its own.")
+        _refuse_doubled(names)
         valid = _valid_mask(self.valid, len(weights))
         as_finite(weights[valid], "weights", ("n_frames", len(names)), "valid frames")
         angles, others = (
@@ -441,9 +446,7 @@ class MarkerSequence(_Sequence):
                 f"positions has shape {positions.shape}, but {len(names)} names ask for "
                 f"(n_frames, {len(names)}, 3)."
             )
-        twice = sorted({n for n in names if names.count(n) > 1})
-        if twice:
-            raise ValueError(f"names holds {', '.join(twice)} more than once; each needs its own.")
+        _refuse_doubled(names)
         if positions.dtype.kind != "f":
             positions = positions.astype(float)
         missing = np.isnan(positions)

@@ -9,6 +9,7 @@ NAMES = (
     "generalisation",
     "latency",
     "locality",
+    "markers",
     "readers",
     "registration",
     "regression",

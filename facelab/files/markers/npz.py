@@ -29,9 +29,13 @@ def read_marker_arrays(path, unit=None, fps=None, subject=None):
         report.append("no unit in the file: taken as millimetres; another with unit=")
     names, kept = resolve_names(path, labels, subject, report)
     factor = factor_of(path, "mm" if said is None else said, unit, "unit")
+    if len(kept) < len(labels):
+        positions = positions[:, kept]
     keep = np.float32 if positions.dtype == np.float32 else float
-    with np.errstate(over="ignore"):  # refused where all is checked
-        positions = positions[:, kept].astype(keep) * keep(factor)
+    positions = positions.astype(keep, copy=False)
+    if factor != 1:
+        with np.errstate(over="ignore"):  # refused where all is checked
+            positions *= keep(factor)
     return judged(path, marker_sequence(path, positions, names, fps, report))
 
 

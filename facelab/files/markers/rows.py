@@ -242,27 +242,38 @@ def _trimmed(path, lines, table, rows):
 
 def _parsed(path, table, rows):
     """Values of the columns that count, shape (n_rows, n_used); the others may hold anything."""
-    text = "\n".join(row for _, row in rows)
     mark, used = table.delimiter, table.used
+    text = "\n".join(row for _, row in rows)
     if mark != ",":
         text = text.replace(",", ".")
-    if '"' in text:
-        text = re.sub(rf'(?m)(^|{mark}) *"([^"{mark}\n]*)" *(?={mark}|$)', r"\1\2", text)
-    if "u" in text or "U" in text:
-        text = re.sub(r"(?i)\bnull\b", "nan", text)
-    text = re.sub(rf"(?m)(^|{mark}) *(?={mark}|$)", r"\1nan", text)
-    try:
-        lines = text.split("\n")
-        values = np.loadtxt(lines, delimiter=mark, ndmin=2, comments=None, usecols=used)
-    except ValueError:
-        values = None
-    if values is None or values.shape != (len(rows), len(used)) or np.isinf(values).any():
-        _say_where(path, table, rows)
-    return values
+    for prepare in (_filled, _cleaned):  # the second is slow, for cells with quotes and blanks
+        text = prepare(text, mark)
+        try:
+            lines = text.split("\n")
+            values = np.loadtxt(lines, delimiter=mark, ndmin=2, comments=None, usecols=used)
+        except ValueError:
+            continue
+        if values.shape == (len(rows), len(used)) and not np.isinf(values).any():
+            return values
+    raise _misplaced(path, table, rows)
 
 
-def _say_where(path, table, rows):
-    """Refuse the first cell that is no number: slow, only to say where."""
+def _filled(text, mark):
+    """The rows with nan in empty cells."""
+    nothing = f"{mark}nan{mark}"
+    text = text.replace(2 * mark, nothing).replace(2 * mark, nothing)
+    text = f"\n{text}\n".replace(f"\n{mark}", f"\nnan{mark}").replace(f"{mark}\n", f"{mark}nan\n")
+    return text[1:-1]
+
+
+def _cleaned(text, mark):
+    """The rows without quotes round their cells, with nan for blanks and NULL."""
+    text = re.sub(rf'(?m)(^|{mark}) *"([^"{mark}\n]*)" *(?={mark}|$)', r"\1\2", text)
+    return re.sub(rf"(?mi)(^|{mark}) *(?:null)? *(?={mark}|$)", r"\1nan", text)
+
+
+def _misplaced(path, table, rows):
+    """What to raise for the first cell that is no number: slow, only to say where."""
     for number, row in rows:
         row = row.split(table.delimiter)
         for column in table.used:
@@ -270,12 +281,12 @@ def _say_where(path, table, rows):
             plain = plain if table.delimiter == "," else plain.replace(",", ".")
             is_number = _NUMBER.fullmatch(plain) and np.isfinite(float(plain))
             if plain.lower() not in _NOTHING and not is_number:
-                raise ValueError(
+                return ValueError(
                     f"{path}, line {number}, column {table.columns[column]}: "
                     f"{row[column].strip()[:40]!r} is not a number; repair it, or leave the cell "
                     "empty where the marker is hidden."
                 )
-    raise ValueError(
+    return ValueError(
         f"{path}, lines {rows[0][0]} to {rows[-1][0]}: the cells are not parted as in the header; "
         "export it again."
     )

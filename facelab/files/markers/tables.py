@@ -328,5 +328,6 @@ def _sorted_out(path, number, titles):
         )
     read = {column for _, three in found.markers for column in three}
     found.units = {unit_of[i] for i in read} - {None, ""}
-    found.others = [i for i in range(len(titles)) if i not in read | {found.frame, found.time}]
+    read |= {found.frame, found.time}
+    found.others = [i for i in range(len(titles)) if i not in read]
     return found
