@@ -16,8 +16,11 @@ import pytest
 from planted import bumpy_rig
 
 from facelab import storage
+from facelab.files import gltf, poses
+from facelab.posing.clips import Clip
 from facelab.posing.session import PosingSession
 from facelab.storage import atomic_path, check_writable, existing_file, load_npz, open_npz, save_npz
+from facelab.studies import generalisation
 from facelab.widgets.posing_lab import PosingLab
 
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="asks the Linux kernel")
@@ -134,6 +137,28 @@ def test_a_path_that_cannot_be_written_is_refused_at_once(tmp_path, name):
     assert names(tmp_path) == before
 
 
+@pytest.mark.parametrize("ending", [".glb", ".clip.glb", ".json", ".csv"])
+def test_writers_refuse_a_bad_path_before_they_work(tmp_path, monkeypatch, ending):
+    def at_work(*_):
+        raise AssertionError("the work had begun")
+
+    for module, work in ((gltf, "_File"), (poses, "fingerprint"), (generalisation, "load_actors")):
+        monkeypatch.setattr(module, work, at_work)
+    rig = bumpy_rig()
+    session = PosingSession(rig, rig.neutral)
+    monkeypatch.setattr(session, "vertices_of", at_work)
+    (tmp_path / "generalisation.csv").mkdir()
+    path = tmp_path / ("a" * 300 + ending)
+    write = {
+        ".glb": lambda: gltf.write_glb(path, rig.neutral),
+        ".clip.glb": lambda: gltf.write_clip_glb(path, Clip([0.0], [np.zeros(12)]), session),
+        ".json": lambda: poses.save_pose(path, session),
+        ".csv": lambda: generalisation.main(["--out", str(tmp_path)]),
+    }[ending]
+    with pytest.raises(ValueError, match=r"too long for the file system|is a folder; add"):
+        write()
+
+
 @POSIX
 def test_write_protected_files_and_folders_are_refused(tmp_path, monkeypatch):
     path = tmp_path / "pose.json"
@@ -208,7 +233,7 @@ def keep_writing(path, seed):
     rng = np.random.default_rng(seed)
     while True:
         n = int(rng.integers(1, 3000))
-        save_npz(path, "pose", 1, n=n, x=np.full(n, n, dtype=float) + rng.integers(2, size=n) * 0)
+        save_npz(path, "pose", 1, n=n, x=np.full(n, float(n)))
 
 
 @POSIX

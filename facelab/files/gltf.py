@@ -9,7 +9,7 @@ from facelab.checks import as_finite, check_choice
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size
 from facelab.posing.clips import check_clip
-from facelab.storage import atomic_path
+from facelab.storage import atomic_path, check_writable
 
 _METRES = 1e-3  # for a millimetre
 _STILL = 1e-9  # metres: smaller displacements are left out of sparse targets
@@ -58,6 +58,7 @@ def write_glb(
     check_choice(interpolation, "interpolation", ("LINEAR", "STEP", "SMOOTH"))
     if not isinstance(mesh, TriangleMesh):
         raise TypeError(f"mesh is a {type(mesh).__name__}; give a TriangleMesh.")
+    check_writable(path)  # before the work
     check_face_size(mesh.vertices, "mesh")
     n = mesh.n_vertices
     deltas = np.zeros((0, n, 3)) if deltas is None else deltas
@@ -105,6 +106,7 @@ def write_clip_glb(path, clip, session):
         For a clip of another number of coefficients, or what is no clip; nothing is written.
     """
     check_clip(clip, session)
+    check_writable(path)  # before the work
     way = {"smooth": "SMOOTH", "linear": "LINEAR"}[clip.easing]
     if session.model.named:
         rest = session.neutral.vertices

@@ -15,7 +15,7 @@ from facelab.posing.log import check_log
 from facelab.posing.session import PosingSession
 from facelab.posing.state import state_from_dict, state_to_dict
 from facelab.posing.stored import check_entries, entry
-from facelab.storage import atomic_path, existing_file
+from facelab.storage import atomic_path, check_writable, existing_file
 
 _VERSION = 1
 _HEAD = "format", "version", "mesh"
@@ -86,6 +86,7 @@ def read_log(path):
 
 
 def _write(path, kind, session, content):
+    check_writable(path)  # before the work
     head = {
         "format": f"facelab-{kind}",
         "version": _VERSION,

@@ -23,7 +23,7 @@ from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.posing.session import PosingSession
 from facelab.segmentation.segment import segment_face
-from facelab.storage import atomic_path
+from facelab.storage import atomic_path, check_writable
 
 N_REGIONS = 13
 """Regions of the paper. On the synthetic actors every k up to 30 is compact and sets no number."""
@@ -351,6 +351,9 @@ def main(arguments=None):
     )
     parser.add_argument("--out", default="results", type=Path, help="folder for the CSV files")
     out = parser.parse_args(arguments).out
+    out.mkdir(parents=True, exist_ok=True)
+    for name in ("generalisation.csv", "asymmetry.csv"):
+        check_writable(out / name)  # before minutes of work
     actors = load_actors()
     regions = face_regions(actors["M1"])
     rows = table(synthetic(actors, regions), "synthetic actors", ACTORS)
@@ -359,7 +362,6 @@ def main(arguments=None):
     except data.DataUnavailable as missing:
         print(f"Without the real face: {missing}")
     sides = asymmetry(actors["M1"], regions)
-    out.mkdir(parents=True, exist_ok=True)
     write_csv(out / "generalisation.csv", rows)
     write_csv(out / "asymmetry.csv", [dict(data="synthetic actor M1", **row) for row in sides])
     print(f"{len(rows)} errors in {out / 'generalisation.csv'}, {len(sides)} in asymmetry.csv")
