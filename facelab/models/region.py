@@ -450,8 +450,8 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         members = model._members(len(mean))
         widths = [len(c) for c in columns_of(members, len(mean))]
         counts = stored.read("counts", (len(widths),), "iu")
-        most = model._most * (1 if model.spread == "each" else len(counts))
-        if counts.min() < 0 or not 0 < counts.max() <= most or len(mean) == 0:
+        kept = counts.max() if model.spread == "each" else counts.sum()
+        if counts.min() < 0 or not 0 < kept <= model._most or len(mean) == 0:
             raise ValueError(f"counts={counts.tolist()[:6]} are no numbers of modes of each region")
         counts = counts.tolist()
         sizes = [n * width for n, width in zip(counts, widths, strict=True)]
