@@ -23,7 +23,7 @@ endif
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 
 .PHONY: help lab app env data test lint unit test-notebooks browser test-browser test-all \
-	test-long test-bare notebooks results bench lock clean
+	test-long test-bare soak notebooks results bench lock clean
 
 help:
 	@echo "make lab        set up all, open the lab in JupyterLab"
@@ -36,6 +36,7 @@ help:
 	@echo "make results    every error of the generalisation experiments, as CSV in results/"
 	@echo "make bench      run the benchmarks"
 	@echo "make lock       resolve requirements.lock and environment.yml anew from pyproject.toml"
+	@echo "make soak       long random walks over all that a hand can do (minutes)"
 	@echo "make clean      remove .venv and what the tests left"
 
 env: .venv/ready
@@ -102,6 +103,9 @@ test-bare: env browser
 	$(BARE) $(BIN)/python -m facelab.data && \
 	$(BARE) $(NBVAL) $(BARE_NOTEBOOKS) && \
 	$(BARE) $(BIN)/python -m pytest tests/browser
+
+soak: env
+	cd tests && ../$(BIN)/python soak.py walks 20000
 
 notebooks: env data
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace \

@@ -26,19 +26,8 @@ def as_finite(array, name, shape, where="", remedy="remove or repair the bad val
         Naming the parameter, what was given and what is wanted.
     """
     place = f" in {where}" if where else ""
-    refuse_mask(array, f"{name}{place}", remedy)
     wanted = "(" + ", ".join(str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
-    try:
-        if not _numeric(array):
-            raise TypeError
-        array = np.asarray(array, dtype=float)
-    except (TypeError, ValueError):
-        raise TypeError(
-            f"{name}{place} is a {type(array).__name__} that makes no array of numbers; give "
-            f"numbers of shape {wanted}."
-        ) from None
-    except OverflowError:
-        raise ValueError(f"{name}{place} holds an integer beyond all floats; {remedy}.") from None
+    array = as_numbers(array, f"{name}{place}", wanted, remedy)
     fits = [
         isinstance(want, str) or want == have
         for want, have in zip(shape, array.shape, strict=False)
@@ -55,12 +44,38 @@ def as_finite(array, name, shape, where="", remedy="remove or repair the bad val
     return array
 
 
+def as_numbers(array, name, wanted, remedy="remove or repair the bad values"):
+    """The array as float64 of any shape, refused if it holds anything but numbers.
+
+    Parameters
+    ----------
+    array, name, remedy
+        As for `as_finite`.
+    wanted : str
+        The shape that it should have, for the message.
+    """
+    refuse_mask(array, name, remedy)
+    try:
+        if not _numeric(array):
+            raise TypeError
+        return np.asarray(array, dtype=float)
+    except (TypeError, ValueError):
+        raise TypeError(
+            f"{name} is a {type(array).__name__} that makes no array of numbers; give numbers of "
+            f"shape {wanted}."
+        ) from None
+    except OverflowError:
+        raise ValueError(f"{name} holds an integer beyond all floats; {remedy}.") from None
+
+
 def _numeric(value):
-    """Whether nothing in a value is text, a truth value or complex."""
+    """Whether nothing in a value is text, a truth value, complex or masked."""
     if isinstance(value, (list, tuple)):
         return all(map(_numeric, value))
+    if value is np.ma.masked:
+        return False
     if isinstance(value, np.ndarray):
-        return value.dtype.kind in "iufO"
+        return value.dtype.kind in "iuf" or (value.dtype == object and _numeric(value.tolist()))
     return not isinstance(value, (str, bytes, bool, np.bool_, complex))
 
 

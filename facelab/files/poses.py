@@ -105,12 +105,12 @@ def _read(path, kind, session=None):
     try:
         if stored.get("format") != f"facelab-{kind}":
             raise ValueError(f"it is not a {kind} file of facelab")
-        _check_finite(stored)
-        check_entries(stored, (*_HEAD, *_CONTENT[kind]))
         version = entry(stored, "version", int)
         if version != _VERSION:
             remedy = "newer than known here: update facelab" if version > 1 else "save it again"
             raise ValueError(f"it is of version {str(version)[:9]}, {remedy}")
+        _check_finite(stored)
+        check_entries(stored, (*_HEAD, *_CONTENT[kind]))
         face = entry(stored, "mesh", dict)
         reason = differs(face, fingerprint(session.neutral) if session else face)
         if reason:

@@ -6,7 +6,7 @@ import numpy as np
 
 from facelab.checks import as_finite, check_choice, check_index, check_number, check_type
 from facelab.posing.ranges import check_size
-from facelab.posing.state import frozen_copy
+from facelab.posing.state import PoseState, frozen_copy
 
 _LONGEST = 1e6  # seconds that a clip may last
 _MOST = 2.5e8  # numbers that samples of it may take in memory
@@ -23,6 +23,8 @@ def interpolate(a, b, share):
         0 to 1.
     """
     share = check_number(share, "share", low=0, high=1)
+    for name, pose in (("a", a), ("b", b)):
+        check_type(pose, name, PoseState, "give one, such as session.state")
     if a.model is not b.model:
         raise ValueError("a and b are poses of two models; restore one and `use` the other's.")
     return (1 - share) * a.coefficients + share * b.coefficients
@@ -161,8 +163,7 @@ class Clip:
 
 def check_clip(clip, session):
     """Refuse what is no `Clip`, or one whose poses the session's model cannot have."""
-    if not isinstance(clip, Clip):
-        raise TypeError(f"clip is a {type(clip).__name__}; give a Clip.")
+    check_type(clip, "clip", Clip, "make one of the session's poses")
     P, found = session.model.n_coefficients, clip.poses.shape[1]
     if found != P:
         raise ValueError(

@@ -122,11 +122,13 @@ class Drag:
     @property
     def coefficients(self):
         """Of the pose on screen, shape (P,)."""
-        pull = self.target - self.moving[self.vertex][0]
-        return self.c.copy() if self.slope is None else self.c + self.slope @ pull
+        return self.c.copy() if self.slope is None else self.c + self.slope @ self._pull
 
     @property
     def vertices(self):
         """The face on screen, shape (n_vertices, 3), millimetres."""
-        pull = self.target - self.moving[self.vertex][0]
-        return self.V.copy() if self.D is None else self.V + self.D @ pull
+        return self.V.copy() if self.D is None else self.V + self.D @ self._pull
+
+    @property
+    def _pull(self):
+        return self.target - self.moving[self.vertex][0]

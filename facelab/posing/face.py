@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from facelab.checks import as_finite, check_index, check_type
+from facelab.checks import as_finite, as_numbers, check_index, check_type
 from facelab.face_model import FaceModel
 from facelab.geometry.binding import LinearBinding
 from facelab.geometry.mesh import TriangleMesh
@@ -33,14 +33,10 @@ class PosedFace:
     """
 
     def __init__(self, neutral, binding, shared_pins, partners):
-        if not isinstance(neutral, TriangleMesh):
-            raise TypeError(f"neutral is a {type(neutral).__name__}; give a TriangleMesh.")
+        check_type(neutral, "neutral", TriangleMesh, "give the face at rest")
         check_face_size(neutral.vertices, "neutral")
-        if not (binding is None or isinstance(binding, LinearBinding)):
-            raise TypeError(
-                f"binding is a {type(binding).__name__}; give the LinearBinding of "
-                "`bind_to_samples(neutral, samples)`."
-            )
+        if binding is not None:
+            check_type(binding, "binding", LinearBinding, "give that of `bind_to_samples`")
         if binding is not None and binding.mesh.n_vertices != neutral.n_vertices:
             raise ValueError(
                 f"binding carries {binding.mesh.n_vertices} vertices, but neutral has "
@@ -75,8 +71,7 @@ class PosedFace:
 
     def check_state(self, state):
         """Refuse what is no `PoseState`, of another face, or one that its model cannot have."""
-        if not isinstance(state, PoseState):
-            raise TypeError(f"state is a {type(state).__name__}; give a PoseState (session.state).")
+        check_type(state, "state", PoseState, "give one, such as session.state")
         self.check_model(state.model)
         solver = self.solver(state)  # refuses what it cannot use
         for v, target in state.pins.items():
@@ -136,8 +131,9 @@ class PosedFace:
 
     def vertices(self, state, coefficients):
         """The face for coefficients of the state's model, (P,) or (n, P), millimetres."""
-        solver, coefficients = self.solver(state), np.asarray(coefficients, dtype=float)
-        as_finite(np.atleast_2d(coefficients), "coefficients", ("n", solver.n_coefficients))
+        solver, P = self.solver(state), state.model.n_coefficients
+        coefficients = as_numbers(coefficients, "coefficients", f"({P},) or (n, {P})")
+        as_finite(np.atleast_2d(coefficients), "coefficients", ("n", P))
         check_size(coefficients)
         V = self.neutral.vertices + solver.shown(coefficients)
         return V[0] if coefficients.ndim == 1 else V

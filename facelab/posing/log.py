@@ -68,6 +68,8 @@ def _check_entry(entry, kind):
         known, needed = ([p.name for p in takes], [p.name for p in takes if p.default is p.empty])
     if "t" in entry:
         entry_of(entry, "t", float)
+    if do == "group" and "key" in entry:
+        entry_of(entry, "key", str, type(None))
     for name in needed:
         if name not in entry:
             raise ValueError(f"its entry {name!r} is missing")

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
-from facelab.checks import as_finite, check_index, check_number
+from facelab.checks import as_finite, check_index, check_number, check_type
 from facelab.geometry.mesh import TriangleMesh
 from facelab.numeric.undo import History, has_history
 from facelab.posing.state import frozen_copy
@@ -36,9 +36,7 @@ class Sculpt:
     """
 
     def __init__(self, mesh, vertices=None, radius=20.0):
-        if not isinstance(mesh, TriangleMesh):
-            raise TypeError(f"mesh is a {type(mesh).__name__}; give a TriangleMesh.")
-        self.mesh = mesh
+        self.mesh = check_type(mesh, "mesh", TriangleMesh, "give the face at rest")
         self.radius = check_number(radius, "radius", above=0)
         start = mesh.vertices if vertices is None else vertices
         start = as_finite(start, "vertices", mesh.vertices.shape)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from facelab.checks import as_finite, check_choice, check_index, check_number
+from facelab.checks import as_finite, as_numbers, check_choice, check_index, check_number
 from facelab.geometry.symmetry import MIRROR
 from facelab.models.region import BETA
 from facelab.numeric.undo import History, edit, has_history
@@ -596,4 +596,5 @@ class PosingSession:
 
         Weights of a rig are kept within 0 and 1.
         """
-        return self._solver.clipped(np.asarray(track) + self.coefficients)
+        track = as_numbers(track, "track", f"(n_frames, {self.model.n_coefficients})")
+        return self._solver.clipped(track + self.coefficients)

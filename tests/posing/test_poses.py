@@ -493,6 +493,7 @@ def test_the_log_shares_nothing_with_the_caller_and_is_json_whatever_was_given(s
         ([{"t": "0", "do": "keep"}], "'t' is a text, but must be a number"),
         ([{"t": 0, "do": "keep", "twice": True}], "it has 'twice', which is unknown"),
         ([{"t": 0, "do": "mold", "region": 0}], "its entry 'component' is missing"),
+        ([{"t": 0, "do": "group", "key": 3}], "'key' is a whole number, but must be a text or"),
         ([{"t": 0, "do": "group"}], "log ends inside a group"),
         ([{"t": 10**400, "do": "keep"}], "beyond what a float can hold"),
     ],
@@ -690,7 +691,7 @@ def test_a_clip_that_the_model_cannot_have_is_not_written(session, clip, path):
             ValueError, match=r"clip has 20 coefficients .* the session's model has"
         ):
             write(path, clip, session)
-        with pytest.raises(TypeError, match="clip is a list; give a Clip"):
+        with pytest.raises(TypeError, match="clip is a list, but must be of type Clip"):
             write(path, [1, 2], session)
     assert not path.exists()
 

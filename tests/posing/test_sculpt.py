@@ -93,7 +93,7 @@ def test_what_makes_no_sense_is_refused_and_the_face_stays(sculpt):
     rest = sculpt.vertices
     with pytest.raises(ValueError, match="radius=0, but it must be more than 0"):
         Sculpt(sculpt.mesh, radius=0)
-    with pytest.raises(TypeError, match="mesh is a ndarray; give a TriangleMesh"):
+    with pytest.raises(TypeError, match="mesh is a ndarray, but must be of type TriangleMesh"):
         Sculpt(rest)
     with pytest.raises(ValueError, match="vertices has shape"):
         Sculpt(sculpt.mesh, rest[:-1])

@@ -652,9 +652,9 @@ def test_a_session_refuses_parts_that_do_not_belong_together(rng, model, grid):
         PosingSession(model, grid, binding=bind_to_samples(grid_mesh(7, 6), [0, 5, 30]))
     with pytest.raises(TypeError, match="RegionModel"):
         PosingSession("model", grid)
-    with pytest.raises(TypeError, match="neutral is a ndarray; give a TriangleMesh"):
+    with pytest.raises(TypeError, match="neutral is a ndarray, but must be of type TriangleMesh"):
         PosingSession(model, np.zeros((42, 3)))
-    with pytest.raises(TypeError, match="binding is a str; give the LinearBinding"):
+    with pytest.raises(TypeError, match="binding is a str, but must be of type LinearBinding"):
         PosingSession(model, grid, binding="x")
 
 
