@@ -21,7 +21,7 @@ from facelab.expression.units import prepare_units
 from facelab.files.obj import write_obj
 from facelab.files.poses import load_pose, read_log, save_pose
 from facelab.files.takes import read_weights
-from facelab.geometry.binding import bind
+from facelab.geometry.binding import bind_to_samples
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.motion import MotionSequence
@@ -379,7 +379,7 @@ def _posing_walks(rng, folder):
     yield PosingWalk(models, partial(PosingSession, models[0], regions.mesh), rng, folder)
     dense = grid_mesh(13, 11, 5.0)
     row, column = np.divmod(np.arange(dense.n_vertices), 13)
-    binding = bind(dense, np.flatnonzero((row % 2 == 0) & (column % 2 == 0)))
+    binding = bind_to_samples(dense, np.flatnonzero((row % 2 == 0) & (column % 2 == 0)))
     shared = {"binding": binding, "shared_pins": "copies"}
     yield PosingWalk(models, partial(PosingSession, models[1], dense, **shared), rng, folder)
 
