@@ -36,6 +36,11 @@ class Lines:
         if found is None:
             return None
         self.number, line, self.whole = found
+        if "\r" in line:
+            raise ValueError(
+                f"{self.path}, line {self.number}: a carriage return in the middle of the line; "
+                "export the file again."
+            )
         return line
 
     def back(self, line):
@@ -64,7 +69,11 @@ class Lines:
 
 def cells(line, delimiter):
     """Cells of a line of a header, without quotes and blanks around them."""
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    try:
+        row = next(csv.reader([line], delimiter=delimiter), [])
+    except csv.Error:  # a cell of more than 128 kB
+        row = line.split(delimiter)
+    return [cell.strip() for cell in row]
 
 
 def delimiter_of(line):
