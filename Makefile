@@ -36,7 +36,7 @@ help:
 	@echo "make results    every error of the generalisation experiments, as CSV in results/"
 	@echo "make bench      run the benchmarks"
 	@echo "make lock       resolve requirements.lock and environment.yml anew from pyproject.toml"
-	@echo "make soak       long random walks over all that a hand can do (minutes)"
+	@echo "make soak       random walks, killed and starved writers, 2,000 mutants of each file (minutes)"
 	@echo "make clean      remove .venv and what the tests left"
 
 env: .venv/ready
@@ -105,7 +105,8 @@ test-bare: env browser
 	$(BARE) $(BIN)/python -m pytest tests/browser
 
 soak: env
-	cd tests && ../$(BIN)/python soak.py walks 20000
+	cd tests && ../$(BIN)/python soak.py
+	FACELAB_MUTANTS=2000 $(BIN)/python -m pytest tests -k "mutant or broken" -s -q
 
 notebooks: env data
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace \

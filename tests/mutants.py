@@ -8,6 +8,7 @@
 warnings, and returns "" or what in the result the file itself denies.
 """
 
+import os
 import re
 import struct
 import time
@@ -18,6 +19,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import facelab
+
+COUNT = int(os.environ.get("FACELAB_MUTANTS", 300))
+"""How many of each kind the tests make; `make soak` asks for 2,000."""
 
 PACKAGE = str(Path(facelab.__file__).parent)
 PYTHON_WORDS = re.compile(

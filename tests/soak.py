@@ -15,6 +15,9 @@ from pathlib import Path
 import numpy as np
 from planted import bumps, bumpy_rig, corner_regions
 from shapes import grid_mesh
+from writers import Written
+from writers import kills as killed
+from writers import starvation as starved
 
 from facelab.expression.session import BOUNDS, ExpressionSession
 from facelab.expression.units import prepare_units
@@ -404,23 +407,33 @@ def walks(n_actions, seed=0):
     return found
 
 
-TRIALS = {"walks": walks}
+def kills(n, seed=0):
+    """Writers of every kind of file, killed at random moments; see `tests/writers.py`."""
+    with tempfile.TemporaryDirectory() as folder:
+        return killed(Written(folder), n, seed)
+
+
+def starvation(n, seed=0):
+    """Writers of every kind of file on a full disk."""
+    with tempfile.TemporaryDirectory() as folder:
+        return starved(Written(folder), n, seed)
+
+
+TRIALS = {"walks": (walks, 20_000), "kills": (kills, 1000), "starvation": (starvation, 300)}
 
 
 def main():
     """Run one trial, or each, and print what it did."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("trial", nargs="?", choices=[*TRIALS, "all"], default="all")
-    parser.add_argument("number", nargs="?", type=int, default=20_000)
+    parser.add_argument("number", nargs="?", type=int)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    for name, trial in TRIALS.items():
+    for name, (trial, number) in TRIALS.items():
         if given.trial in (name, "all"):
-            start = time.perf_counter()
-            found = trial(given.number, given.seed)
-            print(
-                f"{name}, {given.number}, {time.perf_counter() - start:.0f} s: {found}", flush=True
-            )
+            number, start = given.number or number, time.perf_counter()
+            found = trial(number, given.seed)
+            print(f"{name}, {number}, {time.perf_counter() - start:.0f} s: {found}", flush=True)
 
 
 if __name__ == "__main__":

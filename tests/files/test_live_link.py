@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mutants import tally
+from mutants import COUNT, tally
 from recordings import FULL, PASCAL, code, drop_frame, live_link, values
 
 from facelab.files.takes import read_live_link_csv, read_weights, to_arkit, write_live_link_csv
@@ -663,6 +663,6 @@ def test_broken_recordings_are_refused_in_words_or_read_as_they_are(tmp_path):
     rows[7] = rows[8] = None
     good = live_link([code(i) for i in range(12, 37)], rows=rows).encode()
     rng = np.random.default_rng(5)
-    found = tally(read_live_link_csv, good, "take.csv", tmp_path, 300, rng, contradicts)
+    found = tally(read_live_link_csv, good, "take.csv", tmp_path, COUNT, rng, contradicts)
     assert not found.wrong and not found.python, found
     assert found.counts["refused"] > 150

@@ -2,7 +2,7 @@ import warnings
 
 import numpy as np
 import pytest
-from mutants import tally
+from mutants import COUNT, tally
 from shapes import grid_mesh, sphere_mesh
 
 from facelab.files.meshes import read_mesh
@@ -338,5 +338,5 @@ def obj_contradicts(mesh, data, said):
 
 
 def test_mutants_of_an_obj_are_refused_in_our_words_or_read_as_they_stand(tmp_path, rng):
-    found = tally(read_obj, obj_mesh(), "scan.obj", tmp_path, 300, rng, obj_contradicts)
+    found = tally(read_obj, obj_mesh(), "scan.obj", tmp_path, COUNT, rng, obj_contradicts)
     assert not found.wrong and not found.python, found

@@ -4,7 +4,7 @@ import struct
 import numpy as np
 import pytest
 import trimesh
-from mutants import tally
+from mutants import COUNT, tally
 from shapes import grid_mesh, sphere_mesh
 
 from facelab.files import read_mesh, read_parts, write_ply
@@ -217,7 +217,7 @@ def test_mutants_of_a_ply_are_refused_in_our_words_or_read_as_they_stand(tmp_pat
         ]
         return f"no property {other}" if other else ""
 
-    found = tally(read_ply_file, everything(form), "a.ply", tmp_path, 300, rng, contradicts)
+    found = tally(read_ply_file, everything(form), "a.ply", tmp_path, COUNT, rng, contradicts)
     assert not found.wrong and not found.python, found
 
 
@@ -309,7 +309,7 @@ def test_mutants_of_an_stl_are_refused_in_our_words_or_read_as_they_stand(tmp_pa
 
     mesh = grid_mesh(5, 4, spacing=40.0)
     data = export(mesh, tmp_path / "b.stl", file_type=kind).read_bytes()
-    found = tally(read_stl_file, data, "a.stl", tmp_path, 300, rng, contradicts)
+    found = tally(read_stl_file, data, "a.stl", tmp_path, COUNT, rng, contradicts)
     assert not found.wrong and not found.python, found
 
 

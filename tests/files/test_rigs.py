@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mutants import tally
+from mutants import COUNT, tally
 from shapes import sphere_mesh
 
 from facelab.files import read_mesh, read_rig, write_glb, write_obj, write_rig
@@ -293,5 +293,5 @@ def test_mutants_of_a_rig_are_refused_in_our_words_or_make_a_rig(tmp_path, rng, 
         return "" if found and fits else "no rig"
 
     data = (FIXTURES / f"{name}.glb").read_bytes()
-    found = tally(read_rig, data, "a.glb", tmp_path, 100, rng, contradicts)
+    found = tally(read_rig, data, "a.glb", tmp_path, COUNT // 3, rng, contradicts)
     assert not found.wrong and not found.python, found

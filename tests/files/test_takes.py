@@ -6,7 +6,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from mutants import tally
+from mutants import COUNT, tally
 from recordings import PASCAL, code, live_link, values
 
 from facelab.files.takes import read_weights, write_weights_csv
@@ -441,15 +441,36 @@ def contradicts(take, data, said):
 def test_broken_tables_are_refused_in_words_or_read_as_they_are(tmp_path, rng):
     write_weights_csv(tmp_path / "good.csv", some_take(rng, ["AU1", "AU12L", "jawOpen"], 15))
     good = (tmp_path / "good.csv").read_bytes()
-    found = tally(read_weights, good, "w.csv", tmp_path, 300, np.random.default_rng(5), contradicts)
+    found = tally(read_weights, good, "w.csv", tmp_path, COUNT, np.random.default_rng(5), contradicts)
     assert not found.wrong and not found.python, found
     assert found.counts["refused"] > 150
 
 
-def finite(take, data, said):
+def said_by(data):
+    """Names and rows of weights as a JSON or npz file has them, read in the plainest way."""
+    if data[:2] == b"PK":
+        stored = np.load(io.BytesIO(data))
+        return [str(name) for name in stored["names"]], stored["weights"].tolist()
+    told = json.loads(data.decode("utf-8-sig"))
+    if isinstance(told, dict):
+        told = {key.lower(): value for key, value in told.items()}
+        return told["names"], told["weights"]
+    names = [name for name in told[0] if name != "time"]
+    return names, [[frame.get(name) for name in names] for frame in told]
+
+
+def denied(take, data, said):
+    """What the file itself denies: names, values, the number of rows."""
     seen = take.weights[take.valid]
-    good = np.isfinite(seen).all() and np.abs(seen).max() <= 2
-    return "" if good and take.n_frames <= 2 * len(data) else "weights or frames that are none"
+    if not np.isfinite(seen).all() or np.abs(seen).max() > 2 or take.n_frames > 2 * len(data):
+        return "weights or frames that are none"
+    names, rows = said_by(data)
+    if list(take.names) != names:
+        return f"names {take.names} in place of {names}"
+    rows = [row for row in rows if row and not any(v is None or v != v for v in row)]
+    if not said and len(rows) != len(seen):
+        return f"{len(seen)} frames with weights in place of {len(rows)}"
+    return "" if said or seen.tolist() == rows else "other values"
 
 
 @pytest.mark.parametrize("form", ["frames", "matrix", "npz"])
@@ -458,5 +479,5 @@ def test_broken_json_and_npz_are_refused_in_words_or_hold_weights(tmp_path, form
     data = json.dumps(content).encode() if content else npz(names=["a", "b", "c"], weights=W, fps=9)
     name = "w.npz" if form == "npz" else "w.json"
     rng = np.random.default_rng(5)
-    found = tally(read_weights, data, name, tmp_path, 300, rng, finite)
+    found = tally(read_weights, data, name, tmp_path, COUNT, rng, denied)
     assert not found.wrong and not found.python, found

@@ -8,7 +8,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from mutants import BINARY, BYTES, verdict
+from mutants import BINARY, BYTES, COUNT, verdict
 from planted import corner_regions, quarters
 
 from facelab.models.holistic import HolisticModel
@@ -365,7 +365,7 @@ def tally(files, n, rng, path):
 @pytest.mark.filterwarnings("ignore:Duplicate name", "ignore:Reading `.npy`")
 def test_no_mutant_of_a_model_file_is_wrongly_accepted_or_refused_unclearly(files, tmp_path):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    counts, bad = tally(files, 300, np.random.default_rng(20110807), tmp_path / "model.npz")
+    counts, bad = tally(files, COUNT, np.random.default_rng(20110807), tmp_path / "model.npz")
     assert not bad, "\n".join(bad[:10])
     assert counts["refused"] > 200
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kB

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from mutants import PYTHON_WORDS, tally
+from mutants import COUNT, PYTHON_WORDS, tally
 from planted import corner_regions
 
 from facelab.files.poses import load_clip, load_pose, read_log, save_clip, save_pose
@@ -15,8 +15,6 @@ from facelab.posing.fingerprint import fingerprint
 from facelab.posing.log import replay
 from facelab.posing.session import PosingSession
 from facelab.posing.state import state_to_dict
-
-COUNT = 300
 
 
 @pytest.fixture(scope="module")

@@ -52,7 +52,7 @@ class MarkerReport:
     def __str__(self):
         share = 100 * self.hidden / max(1, self.frames * self.markers)
         first = (
-            f"{self.path}: {self.frames} frames of {self.markers} markers at {self.fps:.6g} "
+            f"{self.path.name}: {self.frames} frames of {self.markers} markers at {self.fps:.6g} "
             f"frames/s, {share:.1f} % hidden"
         )
         return "\n".join([first, *self.notes])

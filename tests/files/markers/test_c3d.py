@@ -6,7 +6,7 @@ import ezc3d
 import numpy as np
 import pytest
 from c3d_maker import Maker
-from mutants import tally
+from mutants import COUNT, tally
 
 from facelab.files import read_c3d, write_c3d
 from facelab.motion import MarkerSequence
@@ -357,7 +357,7 @@ def test_positions_beyond_a_kilometre_are_damage(path):
 
 def test_what_a_mutant_says_does_not_contradict_itself(path, markers, tmp_path, rng):
     """Frames, points and names are said twice in the file, so a change of one shows."""
-    found = tally(read_c3d, path.read_bytes(), "m.c3d", tmp_path, 300, rng, contradiction(markers))
+    found = tally(read_c3d, path.read_bytes(), "m.c3d", tmp_path, COUNT, rng, contradiction(markers))
     assert not found.wrong and not found.python, found
     assert found.slowest < 10
 

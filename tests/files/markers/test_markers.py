@@ -6,7 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 from capture_tables import plain, trc
-from mutants import tally
+from mutants import COUNT, tally
 
 from facelab.files import read_markers, write_c3d
 from facelab.motion import MarkerSequence
@@ -188,5 +188,5 @@ def test_what_a_mutant_says_does_not_contradict_itself(tmp_path, P, rng, pressed
         return "" if (same and take.fps == 100) or said else "other values than were written"
 
     good = (tmp_path / "good.npz").read_bytes()
-    found = tally(read_markers, good, "m.npz", tmp_path, 300, rng, contradicts, binary=True)
+    found = tally(read_markers, good, "m.npz", tmp_path, COUNT, rng, contradicts, binary=True)
     assert not found.wrong and not found.python, found

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from mutants import tally
+from mutants import COUNT, tally
 
 from facelab.files import read_markers
 
@@ -143,6 +143,6 @@ def test_what_a_mutant_says_does_not_contradict_itself(tmp_path, P, rng):
             "" if whole or said or "hidden" in str(take.report.notes) else "frames or markers lost"
         )
 
-    found = tally(read_markers, scene(P).encode(), "m.ma", tmp_path, 300, rng, contradicts)
+    found = tally(read_markers, scene(P).encode(), "m.ma", tmp_path, COUNT, rng, contradicts)
     assert not found.wrong and not found.python, found
     assert found.slowest < 10

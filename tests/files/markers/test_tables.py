@@ -3,7 +3,7 @@ import warnings
 import numpy as np
 import pytest
 from capture_tables import motive, nexus, plain, qualisys, trc
-from mutants import tally
+from mutants import COUNT, tally
 
 from facelab.files import read_markers
 
@@ -301,7 +301,7 @@ def test_a_wide_header_and_many_blank_lines_take_no_memory(tmp_path):
 def test_what_a_mutant_says_does_not_contradict_itself(tmp_path, rng, P, write):
     name = "m.trc" if write is trc else "m.csv"
     found = tally(
-        read_markers, write(P, NAMES).encode(), name, tmp_path, 300, rng, contradiction(write)
+        read_markers, write(P, NAMES).encode(), name, tmp_path, COUNT, rng, contradiction(write)
     )
     assert not found.wrong and not found.python, found
     assert found.slowest < 10
