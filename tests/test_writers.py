@@ -31,5 +31,5 @@ def test_a_writer_that_replaces_before_it_has_written_is_found_out(written):
         write_obj(path, mesh.with_vertices(mesh.vertices + 1))
 
     written.writers[1]["mesh.obj"] = careless
-    with pytest.raises(AssertionError, match="mesh.obj"):
+    with pytest.raises(AssertionError, match=r"mesh\.obj"):
         starvation(written, 10)

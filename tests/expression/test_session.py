@@ -309,6 +309,7 @@ def test_the_expression_goes_to_a_mesh_of_another_place_through_an_intermediate_
         (lambda s: s.load(np.full((162, 3), np.nan)), ValueError, "sketch holds 486 value"),
         (lambda s: s.load(np.zeros((7, 3))), ValueError, r"sketch has shape \(7, 3\)"),
         (lambda s: s.load(s.sketch / 10), ValueError, "times the size"),
+        (lambda s: s.set(lam=1e6), ValueError, r"lam=1000000.0, but .* 1000.0 or less"),
         (lambda s: s.load("abc"), TypeError, r"sketch is a str.*shape \(n_vertices, 3\)"),
         (lambda s: s.load(s), TypeError, "sketch is a ExpressionSession"),
         (lambda s: s.on(s.sketch), TypeError, "face is a ndarray.*BlendshapeRig or Intermediate"),

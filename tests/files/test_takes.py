@@ -441,7 +441,8 @@ def contradicts(take, data, said):
 def test_broken_tables_are_refused_in_words_or_read_as_they_are(tmp_path, rng):
     write_weights_csv(tmp_path / "good.csv", some_take(rng, ["AU1", "AU12L", "jawOpen"], 15))
     good = (tmp_path / "good.csv").read_bytes()
-    found = tally(read_weights, good, "w.csv", tmp_path, COUNT, np.random.default_rng(5), contradicts)
+    rng = np.random.default_rng(5)
+    found = tally(read_weights, good, "w.csv", tmp_path, COUNT, rng, contradicts)
     assert not found.wrong and not found.python, found
     assert found.counts["refused"] > 150
 

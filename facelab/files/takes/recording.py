@@ -109,7 +109,8 @@ class TakeReport:
     notes: tuple
 
     def __str__(self):
-        lines = [f"{self.path.name}: {self.rows} rows, {self.frames} frames at {self.fps:.4g} frames/s"]
+        counted = f"{self.rows} rows, {self.frames} frames at {self.fps:.4g} frames/s"
+        lines = [f"{self.path.name}: {counted}"]
         if lost := self.no_face + self.repeated + self.filled:
             lines.append(
                 f"lost frames: {lost} ({self.no_face} without a face, {self.repeated} that repeat "
