@@ -19,7 +19,7 @@ class RigSource:
     Parameters
     ----------
     path : str
-        File or folder.
+        File; of a folder of OBJ files, that of the face at rest.
     mesh : str
         The part of it that the rig is.
     index : ndarray of int, shape (n_file_vertices,)

@@ -70,7 +70,7 @@ class Walk:
 
     def __init__(self, session, rng, folder):
         self.session, self.rng, self.folder = session, rng, Path(folder)
-        self.done, self.start = Counter(), session.state
+        self.done, self.start, self.full = Counter(), session.state, False
 
     def moment(self):
         """All that a refused action must leave as it was."""
@@ -81,6 +81,7 @@ class Walk:
         for k in range(1, n_actions + 1):
             bad = self.rng.random() < BAD_SHARE
             self.step(*(self.bad() if bad else self.good()), bad)
+            self.full |= self.session.n_undo == self.most  # the first steps fall out from here on
             if k % self.every == 0 or k == n_actions:
                 self.check()
         return self.done
@@ -129,7 +130,7 @@ class Walk:
         while session.undo():
             n += 1
             assert session.state is back[n]
-        assert n == len(back) - 1 and (session.state is self.start or n == self.most)
+        assert n == len(back) - 1 and (session.state is self.start or self.full)
         while n and session.redo():
             n -= 1
         assert session.state is here
@@ -342,7 +343,7 @@ class ExpressionWalk(Walk):
         s, name = self.session, self.pick(self.session.names)
         return [
             ("load", s.load, [self.sketch(), "a"]),
-            ("load all", lambda x: s.load(s.sketch * 0 + x), [1.0]),
+            ("load all", lambda x: s.load([[x] * 3] * len(s.sketch)), [1.0]),
             ("load_file", s.load_file, [self.folder / "none.obj", 1.0]),
             ("load_frame", s.load_frame, [self.frame(), 0]),
             ("set", s.set, [1.0, 1.0, "0 to 1", "e_rms", True, True]),

@@ -1,6 +1,7 @@
 """One room for each kind of file, in and out."""
 
 from facelab.files.gltf import write_clip_glb, write_glb
+from facelab.files.into import write_into
 from facelab.files.markers import read_c3d, read_markers, write_c3d
 from facelab.files.meshes import read_mesh, read_parts
 from facelab.files.obj import read_obj, write_obj
@@ -33,6 +34,7 @@ __all__ = [
     "write_c3d",
     "write_clip_glb",
     "write_glb",
+    "write_into",
     "write_live_link_csv",
     "write_obj",
     "write_ply",

@@ -18,7 +18,7 @@ from facelab.files import meshopt
 from facelab.files.json_items import load_json
 from facelab.storage import existing_file
 
-_COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _HARMLESS = re.compile(  # extensions that change looks, not shapes
     r"KHR_(materials|texture|lights|xmp|animation_pointer|node_visibility)\w*"
@@ -52,6 +52,9 @@ class GltfData:
     lists : dict of str to list of Item
         Its "accessors", "bufferViews", "buffers", "meshes", "nodes", "skins" and "scenes".
 
+    binary : bytes or None
+        The binary chunk of a GLB.
+
     Raises
     ------
     FileNotFoundError, ValueError
@@ -62,7 +65,7 @@ class GltfData:
     def __init__(self, path):
         self.path = existing_file(path, "glTF file")
         data = self.path.read_bytes()
-        self._binary = None
+        self.binary = None
         text = self._chunks(data) if data[:4] == b"glTF" else data
         self.json = load_json(text, self.path, "glTF file")
         version = self.json.item("asset").text("version", "missing")
@@ -105,7 +108,7 @@ class GltfData:
             at += 8 + size
             if next(iter(found)) != b"JSON":
                 raise ValueError(f"{self.path}: its first chunk is not JSON; export it again.")
-        self._binary = found.get(b"BIN\0")
+        self.binary = found.get(b"BIN\0")
         return found[b"JSON"]
 
     def _refuse_extensions(self):
@@ -133,8 +136,8 @@ class GltfData:
             item = self.lists["buffers"][index]
             length = item.whole("byteLength", low=1)
             uri = item.text("uri")
-            if uri is None and index == 0 and self._binary is not None:
-                data = self._binary
+            if uri is None and index == 0 and self.binary is not None:
+                data = self.binary
                 if len(data) - length > 3:
                     raise ValueError(
                         f"{self.path}: {item.at('byteLength')} is {length}, but the binary chunk "
@@ -245,9 +248,9 @@ class GltfData:
         if item.text("type") != kind:
             raise item.wrong("type", kind)
         component = item.whole("componentType")
-        if component not in _COMPONENTS:
-            raise item.wrong("componentType", f"one of {', '.join(map(str, _COMPONENTS))}")
-        dtype, width = np.dtype(_COMPONENTS[component]), _WIDTHS[kind]
+        if component not in COMPONENTS:
+            raise item.wrong("componentType", f"one of {', '.join(map(str, COMPONENTS))}")
+        dtype, width = np.dtype(COMPONENTS[component]), _WIDTHS[kind]
         if wholes and dtype.kind != "u":
             raise item.wrong("componentType", "5121, 5123 or 5125, of whole numbers")
         count = self.count(index)
@@ -292,7 +295,7 @@ class GltfData:
             raise where.wrong("componentType", "5121, 5123 or 5125")
         views = self.lists["bufferViews"]
         data, stride = self.view(where.index("bufferView", views))
-        kind = np.dtype(_COMPONENTS[component])
+        kind = np.dtype(COMPONENTS[component])
         rows = self._read(where, data, stride, kind, 1, count)[:, 0].astype(np.int64)
         if (np.diff(rows) <= 0).any() or rows[-1] >= len(base):
             raise ValueError(

@@ -58,6 +58,7 @@ class GltfScene:
     ----------
     names : list of str
         Of the parts, in the order of the scene.
+    data : GltfData
 
     Raises
     ------
@@ -66,10 +67,10 @@ class GltfScene:
     """
 
     def __init__(self, path):
-        self._data = GltfData(path)
-        self.path = self._data.path
+        self.data = GltfData(path)
+        self.path = self.data.path
         self._matrices, placed = self._walk()
-        nodes, meshes = self._data.lists["nodes"], self._data.lists["meshes"]
+        nodes, meshes = self.data.lists["nodes"], self.data.lists["meshes"]
         found = []  # node (None where there are no nodes at all), mesh, its two names
         for node in placed:
             if "mesh" in nodes[node]:
@@ -97,9 +98,9 @@ class GltfScene:
         """The parts that have triangles and a size; the others are said."""
         kept, passed = [], []
         for node, mesh, own, other in found:
-            item = self._data.lists["meshes"][mesh]
+            item = self.data.lists["meshes"][mesh]
             flat = node is not None and np.linalg.det(self._matrices[node][:3, :3]) == 0
-            flat = flat and "skin" not in self._data.lists["nodes"][node]  # joints place it
+            flat = flat and "skin" not in self.data.lists["nodes"][node]  # joints place it
             if flat or all(p.whole("mode", 4, high=6) < 4 for p in item.items("primitives")):
                 passed.append(own or other or item.place)
             else:
@@ -130,20 +131,24 @@ class GltfScene:
             f"{', '.join(map(repr, self.names[:20]))}{', ...' * (len(self.names) > 20)}."
         )
 
+    def place(self, k):
+        """Indices of part k's node (None in a file without nodes) and mesh."""
+        return self._found[k][:2]
+
     def n_targets(self, k):
         """Number of morph targets of part k."""
-        primitives = self._data.lists["meshes"][self._found[k][1]].items("primitives")
+        primitives = self.data.lists["meshes"][self._found[k][1]].items("primitives")
         return max([len(p.items("targets")) for p in primitives], default=0)
 
     # --- nodes ------------------------------------------------------------------------------------
 
     def _walk(self):
         """The matrix of every node that the scene holds, and those nodes in their order."""
-        nodes = self._data.lists["nodes"]
+        nodes = self.data.lists["nodes"]
         children = [n.wholes("children", nodes) for n in nodes]
-        scenes = self._data.lists["scenes"]
+        scenes = self.data.lists["scenes"]
         if scenes:
-            first = self._data.json.whole("scene", 0, high=len(scenes) - 1)
+            first = self.data.json.whole("scene", 0, high=len(scenes) - 1)
             roots = scenes[first].wholes("nodes", nodes)
         else:
             roots = sorted(set(range(len(nodes))) - {c for cs in children for c in cs})
@@ -165,7 +170,7 @@ class GltfScene:
 
     def _upright(self):
         """VRM 0 faces away from the viewer, all other glTF towards them."""
-        turned = "VRM" in self._data.json.item("extensions")
+        turned = "VRM" in self.data.json.item("extensions")
         return np.diag([-1.0, 1, -1, 1]) if turned else np.eye(4)
 
     def _matrix(self, node):
@@ -190,13 +195,13 @@ class GltfScene:
 
     def _placement(self, node, joints, weights):
         """What moves a part's vertices to their place: (4, 4), or (n_vertices, 4, 4) by a skin."""
-        nodes = self._data.lists["nodes"]
+        nodes = self.data.lists["nodes"]
         if node is None:
             return self._upright()
         if "skin" not in nodes[node]:
             return self._matrices[node]
         # a skin's vertices follow its joints, and its node's own place counts for nothing
-        skin = self._data.lists["skins"][nodes[node].index("skin", self._data.lists["skins"])]
+        skin = self.data.lists["skins"][nodes[node].index("skin", self.data.lists["skins"])]
         bones = skin.wholes("joints", nodes)
         if joints is None or not bones:
             return self._matrices[node]
@@ -208,9 +213,9 @@ class GltfScene:
             )
         M = np.stack([self._matrices[b] for b in bones])
         if "inverseBindMatrices" in skin:
-            accessors = self._data.lists["accessors"]
+            accessors = self.data.lists["accessors"]
             index = skin.index("inverseBindMatrices", accessors)
-            bind = self._data.array(index, "MAT4").astype(float).reshape(-1, 4, 4)
+            bind = self.data.array(index, "MAT4").astype(float).reshape(-1, 4, 4)
             if len(bind) < len(bones):
                 raise ValueError(
                     f"{self.path}: {skin.place} has {len(bones)} joints, but {len(bind)} inverse "
@@ -242,7 +247,7 @@ class GltfScene:
         ValueError
             For data that are damaged or do not agree, naming their place in the file.
         """
-        data = self._data
+        data = self.data
         node, mesh, _, _ = self._found[k]
         item = data.lists["meshes"][mesh]
         primitives = item.items("primitives")
@@ -287,7 +292,7 @@ class GltfScene:
 
     def _vertices(self, primitive, packed, shapes):
         """Positions, joints and targets of one primitive, as the file has them."""
-        data, accessors = self._data, self._data.lists["accessors"]
+        data, accessors = self.data, self.data.lists["accessors"]
         attributes = primitive.item("attributes")
         odd = [a for a in attributes.value if not a.startswith(_SEMANTICS)]
         targets = primitive.items("targets")
@@ -369,12 +374,12 @@ class GltfScene:
 
     def _faces(self, primitive, begin, count, packed):
         """Triangles of one primitive, numbered from `begin`."""
-        accessors = self._data.lists["accessors"]
+        accessors = self.data.lists["accessors"]
         mode = primitive.whole("mode", 4, high=6)
         if packed:
             index = np.asarray(packed[0].faces, dtype=np.int64).ravel()
             if "indices" in primitive:
-                promised = self._data.count(primitive.index("indices", accessors))
+                promised = self.data.count(primitive.index("indices", accessors))
                 if promised != len(index):
                     raise ValueError(
                         f"{self.path}: {primitive.place}: its Draco data hold {len(index)} "
@@ -382,7 +387,7 @@ class GltfScene:
                     )
             mode = 4
         elif "indices" in primitive:
-            index = self._data.array(primitive.index("indices", accessors), "SCALAR", wholes=True)
+            index = self.data.array(primitive.index("indices", accessors), "SCALAR", wholes=True)
             index = index.astype(np.int64)
         else:
             index = np.arange(count)
@@ -435,14 +440,14 @@ class GltfScene:
 
     def _deltas(self, kept, n_targets, n_vertices, linear, name):
         """Displacements of all targets, turned and scaled as the mesh is."""
-        self._data.need(12 * n_targets * n_vertices, f"the {n_targets} shapes of {name!r}")
+        self.data.need(12 * n_targets * n_vertices, f"the {n_targets} shapes of {name!r}")
         deltas = np.zeros((n_targets, n_vertices, 3), np.float32)
         begin = 0
         for own in kept:
             end = begin + len(own["V"])
             for k, at in enumerate(own["targets"]):
                 if at is not None:
-                    deltas[k, begin:end] = self._data.array(at, "VEC3")
+                    deltas[k, begin:end] = self.data.array(at, "VEC3")
             begin = end
         for k, delta in enumerate(deltas):
             moved = np.einsum("...ij,...j->...i", linear, delta.astype(float))

@@ -188,7 +188,7 @@ def _from_folder(folder, mesh, scale, neutral):
         deltas[k] = shape[kept] - V
     scale = _unit(folder, V, deltas, unit_of(".obj"), scale)
     rest_mesh, deltas, index, apart = _welded(folder, V, F, deltas, scale)
-    source = RigSource(str(folder), mesh or rest, index, scale, apart)
+    source = RigSource(str(folder / f"{rest}.obj"), mesh or rest, index, scale, apart)
     return BlendshapeRig(rest_mesh, list(files), deltas, source=source)
 
 

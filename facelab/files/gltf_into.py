@@ -1,0 +1,272 @@
+"""Morph targets and an animation added to a glTF file; all else keeps its bytes.
+
+References
+----------
+Khronos Group, glTF 2.0 specification, sections 3.7.2.2 (morph targets) and 3.11 (animations).
+"""
+
+import base64
+import copy
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from facelab.files.gltf_data import COMPONENTS
+from facelab.files.gltf_read import GltfScene
+from facelab.storage import atomic_path
+
+_STILL = 1e-9  # of the file's unit: smaller displacements are left out of sparse targets
+_FLOAT, _UINT = 5126, 5125
+_ARRAY, _ELEMENTS = 34962, 34963
+
+
+class GltfEdit:
+    """A glTF, GLB or VRM file, opened to add shapes and an animation to one of its meshes.
+
+    Parameters
+    ----------
+    path : str or Path
+    mesh : str
+        Its part, as `GltfScene` names it.
+
+    Attributes
+    ----------
+    n_vertices, n_targets : int
+        Of that part, before anything was added.
+    unpacked : tuple of str
+        Extensions of compression that the file used; it is saved without them.
+    """
+
+    def __init__(self, path, mesh):
+        scene = GltfScene(path)
+        self._data = scene.data
+        self._k = scene.find(mesh)
+        self._part = scene.part(self._k)
+        self._node, self._mesh = scene.place(self._k)
+        self.n_vertices, self.n_targets = len(self._part.vertices), scene.n_targets(self._k)
+        self._json = copy.deepcopy(self._data.json.value)
+        self._text = Path(path).suffix.lower() == ".gltf"
+        self._names = list(self._part.names)
+        self._added = bytearray()
+        self._new = []
+        self.unpacked = self._unpack()
+
+    # --- what is new ------------------------------------------------------------------------------
+
+    def add_shape(self, name, moved):
+        """Add a morph target: displacements where the scene places the part, metres."""
+        linear = self._part.linear
+        moved = np.linalg.solve(linear, np.asarray(moved, float)[..., None])[..., 0]
+        for i, primitive in enumerate(self._json["meshes"][self._mesh]["primitives"]):
+            count = self._json["accessors"][primitive["attributes"]["POSITION"]]["count"]
+            own = np.zeros((count, 3), "<f4")  # lines and points are no vertices here: they stay
+            if i in self._part.start:
+                begin = self._part.start[i]
+                own[:] = moved[begin : begin + count]
+            primitive.setdefault("targets", []).append({"POSITION": self._target(own)})
+        self._new.append(name)
+
+    def add_animation(self, times, weights):
+        """Add keys of all targets, old and new: seconds (n_keys,), weights (n_keys, n_targets)."""
+        node = self._node
+        if node is None:
+            raise ValueError(
+                f"{self._data.path}: it has no nodes, so nothing in it can move; export it again "
+                "with a scene."
+            )
+        times = np.asarray(times, "<f4")
+        moment = self._accessor(times, "SCALAR", bounds=True)
+        value = self._accessor(np.asarray(weights, "<f4").ravel(), "SCALAR")
+        self._json.setdefault("animations", []).append(
+            {
+                "name": "facelab",
+                "samplers": [{"input": moment, "output": value, "interpolation": "LINEAR"}],
+                "channels": [{"sampler": 0, "target": {"node": node, "path": "weights"}}],
+            }
+        )
+
+    def _target(self, moved):
+        rows = np.flatnonzero((np.abs(moved) > _STILL).any(axis=1))
+        if 4 * len(rows) >= 3 * len(moved):  # an index and three numbers against three numbers
+            return self._accessor(moved, "VEC3", _ARRAY, bounds=True)
+        rows = rows if len(rows) else np.array([0])  # none at all is not allowed
+        small = np.zeros_like(moved)
+        small[rows] = moved[rows]
+        at = self._described(small, "VEC3", bounds=True)
+        at["sparse"] = {
+            "count": len(rows),
+            "indices": {"bufferView": self._view(rows.astype("<u4")), "componentType": _UINT},
+            "values": {"bufferView": self._view(small[rows])},
+        }
+        return self._append("accessors", at)
+
+    # --- pieces of a file -------------------------------------------------------------------------
+
+    def _of(self, where):
+        return self._json.get(where, [])
+
+    def _append(self, where, item):
+        self._json.setdefault(where, []).append(item)
+        return len(self._json[where]) - 1
+
+    def _view(self, data, target=None):
+        """A view of new bytes; `save` gives it its buffer."""
+        self._added += bytes(-len(self._added) % 4)
+        view = {"buffer": None, "byteOffset": len(self._added), "byteLength": data.nbytes}
+        self._added += data.tobytes()
+        return self._append("bufferViews", view | ({} if target is None else {"target": target}))
+
+    def _described(self, array, kind, bounds=False):
+        at = {"componentType": _UINT if array.dtype.kind == "u" else _FLOAT}
+        at |= {"count": len(array), "type": kind}
+        return at | (self._bounds(array) if bounds else {})
+
+    @staticmethod
+    def _bounds(array):
+        low, high = np.atleast_1d(array.min(axis=0)), np.atleast_1d(array.max(axis=0))
+        return {"min": low.astype(float).tolist(), "max": high.astype(float).tolist()}
+
+    def _accessor(self, array, kind, target=None, bounds=False):
+        at = self._described(array, kind, bounds) | {"bufferView": self._view(array, target)}
+        return self._append("accessors", at)
+
+    # --- compression ------------------------------------------------------------------------------
+
+    def _unpack(self):
+        """Write what was compressed as plain data; names of the extensions."""
+        found = set()
+        for k, view in enumerate(self._of("bufferViews")):
+            packed = view.get("extensions", {}).pop("EXT_meshopt_compression", None)
+            if packed is not None:
+                found.add("EXT_meshopt_compression")
+                data = bytes(self._data.view(k)[0])
+                self._added += bytes(-len(self._added) % 4)
+                view |= {"buffer": None, "byteOffset": len(self._added), "byteLength": len(data)}
+                self._added += data
+        for m, mesh in enumerate(self._of("meshes")):
+            for p, primitive in enumerate(mesh["primitives"]):
+                if primitive.get("extensions", {}).pop("KHR_draco_mesh_compression", None):
+                    found.add("KHR_draco_mesh_compression")
+                    self._undraw(self._data.lists["meshes"][m].items("primitives")[p], primitive)
+        self._drop_empty_buffers()
+        for owner in (
+            *self._of("bufferViews"),
+            *(p for mesh in self._of("meshes") for p in mesh["primitives"]),
+        ):
+            if owner.get("extensions") == {}:
+                del owner["extensions"]
+        for key in ("extensionsUsed", "extensionsRequired"):
+            left = [name for name in self._json.pop(key, []) if name not in found]
+            if left:
+                self._json[key] = left
+        return tuple(sorted(found))
+
+    def _drop_empty_buffers(self):
+        """Buffers that stand only for what meshopt unfolds to: nothing is in them."""
+        buffers, kept = self._of("buffers"), []
+        for k, buffer in enumerate(buffers):
+            empty = "EXT_meshopt_compression" in buffer.get("extensions", {})
+            if not empty:
+                for view in self._of("bufferViews"):
+                    if view["buffer"] == k:
+                        view["buffer"] = len(kept)
+                kept.append(buffer)
+        self._json["buffers"] = kept
+
+    def _undraw(self, item, primitive):
+        """Draco's indices and attributes as plain data of the types that their accessors have."""
+        mesh, attributes = self._data.draco(item)
+        accessors = self._json["accessors"]
+        for semantic in attributes.value:
+            found = mesh.get_attribute_by_unique_id(attributes.whole(semantic))
+            at = accessors[primitive["attributes"][semantic]]
+            data = np.asarray(found["data"]).astype(COMPONENTS[at["componentType"]])
+            width = -data.shape[1] * data.dtype.itemsize % 4  # rows begin at multiples of 4
+            rows = np.zeros((len(data), data.shape[1] + width // data.dtype.itemsize), data.dtype)
+            rows[:, : data.shape[1]] = data
+            at["bufferView"], at["byteOffset"] = self._view(rows, _ARRAY), 0
+            if "min" in at:  # what was packed is not exactly what was promised
+                at |= self._bounds(data)
+            if width:
+                self._json["bufferViews"][at["bufferView"]]["byteStride"] = rows[0].nbytes
+        index = np.asarray(mesh.faces).ravel().astype("<u4")
+        at = accessors[primitive["indices"]]
+        at |= {"componentType": _UINT, "bufferView": self._view(index, _ELEMENTS), "byteOffset": 0}
+
+    # --- writing ----------------------------------------------------------------------------------
+
+    def _finish(self):
+        """Names, weights at rest and old animations for the new number of targets."""
+        if not self._new:
+            return
+        mesh = self._json["meshes"][self._mesh]
+        old = [name or f"target {k + 1}" for k, name in enumerate(self._names)]
+        owners = [o for o in (mesh, *mesh["primitives"]) if "targetNames" in o.get("extras", {})]
+        for owner in owners:
+            owner["extras"]["targetNames"] = [*owner["extras"]["targetNames"], *self._new]
+        if not owners:
+            mesh["extras"] = {**mesh.get("extras", {}), "targetNames": [*old, *self._new]}
+        nodes = self._of("nodes")
+        moving = [k for k, node in enumerate(nodes) if node.get("mesh") == self._mesh]
+        still = [0.0] * len(self._new)
+        for owner in (mesh, *(nodes[k] for k in moving)):
+            if "weights" in owner:
+                owner["weights"] = [*owner["weights"], *still]
+        self._widen(moving)
+
+    def _widen(self, moving):
+        """Animations that were there before get the new targets, at rest."""
+        n, n_new, done = self.n_targets, len(self._new), set()
+        for animation in self._of("animations"):
+            for channel in animation["channels"]:
+                target = channel["target"]
+                if target.get("path") != "weights" or target.get("node") not in moving:
+                    continue
+                sampler = animation["samplers"][channel["sampler"]]
+                if id(sampler) in done:
+                    continue
+                done.add(id(sampler))
+                if sampler["output"] >= len(self._data.lists["accessors"]):
+                    continue  # ours, and wide enough
+                rows = self._data.array(sampler["output"], "SCALAR").reshape(-1, n)
+                wide = np.hstack([rows, np.zeros((len(rows), n_new))]).astype("<f4")
+                sampler["output"] = self._accessor(wide.ravel(), "SCALAR")
+
+    def save(self, path):
+        """Write the file, whole or not at all."""
+        uris = [item.get("uri", "data:") for k in ("buffers", "images") for item in self._of(k)]
+        beside = [uri for uri in uris if not uri.startswith("data:")]
+        if beside and Path(path).resolve().parent != self._data.path.resolve().parent:
+            raise ValueError(
+                f"path={str(path)!r}: {self._data.path} keeps {beside[0]!r} beside it; write into "
+                "the same folder, or make a GLB of it first."
+            )
+        self._finish()
+        told, new = self._json, [v for v in self._json["bufferViews"] if v["buffer"] is None]
+        buffers, body = told.setdefault("buffers", []), self._data.binary
+        if body is None:
+            text = base64.b64encode(self._added).decode()
+            uri = f"data:application/octet-stream;base64,{text}"
+            buffers.append({"byteLength": len(self._added), "uri": uri})
+            for view in new:
+                view["buffer"] = len(buffers) - 1
+        else:
+            body += bytes(-len(body) % 4)
+            for view in new:
+                view |= {"buffer": 0, "byteOffset": len(body) + view["byteOffset"]}
+            body += self._added
+            buffers[0]["byteLength"] = len(body)
+        text = json.dumps(told, ensure_ascii=False, separators=(",", ":")).encode()
+        with atomic_path(path) as part:
+            part.write_bytes(text if self._text else _glb(text, body))
+
+
+def _glb(text, body):
+    """A GLB of its JSON and its bytes."""
+    chunks = [(b"JSON", text + b" " * (-len(text) % 4))]
+    if body is not None:
+        chunks.append((b"BIN\0", body + bytes(-len(body) % 4)))
+    packed = b"".join(struct.pack("<I4s", len(data), kind) + data for kind, data in chunks)
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(packed)) + packed

@@ -1,0 +1,256 @@
+"""Shapes and takes written into a user's own file: what was there keeps its bytes."""
+
+import copy
+import importlib.util
+import json
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shapes import grid_mesh
+
+from facelab.files import read_rig, write_glb, write_into
+from facelab.files.gltf_read import GltfScene
+from facelab.motion import WeightSequence
+from facelab.rig import BlendshapeRig
+
+FIXTURES = Path(__file__).resolve().parents[1] / "fixtures"
+HAS_DRACO = importlib.util.find_spec("DracoPy") is not None
+DRACO = pytest.param(
+    "avatar_draco", marks=pytest.mark.skipif(not HAS_DRACO, reason="DracoPy is not installed")
+)
+PLAIN = ("avatar", "avatar_quantised", "avatar_sparse")
+PACKED = ("avatar_meshopt", DRACO)
+
+
+def opened(path):
+    """JSON and binary chunk of a GLB."""
+    data = path.read_bytes()
+    size = struct.unpack_from("<I", data, 12)[0]
+    return json.loads(data[20 : 20 + size]), data[28 + size :]
+
+
+def avatar(name):
+    return read_rig(FIXTURES / f"{name}.glb", mesh="Head")
+
+
+@pytest.fixture
+def shapes(rng):
+    """Of the avatar's head: one that moves all of it, one that moves a corner."""
+    n = avatar("avatar").neutral.vertices.shape
+    corner = np.zeros(n)
+    corner[:3] = rng.normal(size=(3, 3))
+    return {"all of it": rng.normal(size=n), "a corner": corner}
+
+
+def a_take(names, n_frames=5):
+    rng = np.random.default_rng(3)
+    return WeightSequence(rng.uniform(0, 1, (n_frames, len(names))), names, 30)
+
+
+@pytest.mark.filterwarnings("ignore:.*is written uncompressed")
+@pytest.mark.parametrize("name", [*PLAIN, *PACKED])
+def test_shapes_come_back_as_they_were_given_and_the_old_ones_stay(tmp_path, shapes, name):
+    rig = avatar(name)
+    write_into(tmp_path / "new.glb", rig, shapes)
+    again = read_rig(tmp_path / "new.glb", mesh="Head")
+    assert again.names == (*rig.names, *shapes)
+    n = len(rig.names)
+    np.testing.assert_array_equal(again.neutral.vertices, rig.neutral.vertices)
+    np.testing.assert_array_equal(again.neutral.faces, rig.neutral.faces)
+    np.testing.assert_array_equal(again.deltas[:n], rig.deltas)
+    np.testing.assert_allclose(again.deltas[n:], list(shapes.values()), atol=2e-5)
+    assert again.parts.keys() == rig.parts.keys()
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_all_else_keeps_its_bytes(tmp_path, shapes, name):
+    rig = avatar(name)
+    write_into(tmp_path / "new.glb", rig, shapes, a_take(["jawOpen"]))
+    (old, before), (new, after) = opened(FIXTURES / f"{name}.glb"), opened(tmp_path / "new.glb")
+    assert after.startswith(before)
+    for key in ("accessors", "bufferViews"):
+        assert new[key][: len(old[key])] == old[key]
+    stripped = copy.deepcopy(new)
+    head = next(mesh for mesh in stripped["meshes"] if mesh.get("name") == "HeadMesh")
+    head["extras"]["targetNames"] = head["extras"]["targetNames"][:4]
+    for primitive in head["primitives"]:
+        primitive["targets"] = primitive["targets"][:4]
+    for key in old.keys() - {"accessors", "bufferViews", "buffers", "animations"}:
+        assert stripped[key] == old[key], key
+    assert new["animations"][:-1] == old.get("animations", [])
+
+
+@pytest.mark.parametrize("name", PACKED)
+def test_a_compressed_file_is_written_uncompressed_and_that_is_said(tmp_path, shapes, name):
+    with pytest.warns(UserWarning, match=r"compressed with (EXT_mesh|KHR_draco).*uncompressed"):
+        write_into(tmp_path / "new.glb", avatar(name), shapes)
+    told = (tmp_path / "new.glb").read_bytes()
+    assert b"EXT_meshopt_compression" not in told and b"KHR_draco" not in told
+    plain, new = GltfScene(FIXTURES / f"{name}.glb"), GltfScene(tmp_path / "new.glb")
+    assert new.names == plain.names
+    for k in range(3):
+        np.testing.assert_array_equal(new.part(k).vertices, plain.part(k).vertices)
+        np.testing.assert_array_equal(new.part(k).faces, plain.part(k).faces)
+
+
+def keys_of(path, number=-1):
+    """Times and weights of an animation, read in the plainest way."""
+    told, body = opened(path)
+    animation = told["animations"][number]
+    sampler = animation["samplers"][animation["channels"][0]["sampler"]]
+    found = []
+    for key in ("input", "output"):
+        at = told["accessors"][sampler[key]]
+        view = told["bufferViews"][at["bufferView"]]
+        start = view.get("byteOffset", 0) + at.get("byteOffset", 0)
+        found.append(np.frombuffer(body, "<f4", at["count"], start))
+    return found
+
+
+def test_a_take_drives_old_and_new_shapes_and_lost_frames_have_no_key(tmp_path, shapes):
+    rig = avatar("avatar")
+    take = a_take(["jawOpen", "a corner", "eyeBlinkLeft"])
+    valid = np.array([True, True, False, True, True])
+    take = WeightSequence(take.weights, take.names, 30, valid)
+    write_into(tmp_path / "new.glb", rig, shapes, take)
+    times, weights = keys_of(tmp_path / "new.glb")
+    np.testing.assert_allclose(times, np.array([0, 1, 3, 4]) / 30, atol=1e-6)
+    names = [*rig.names, *shapes]
+    wanted = np.zeros((5, len(names)))
+    for k, name in enumerate(take.names):
+        wanted[:, names.index(name)] = take.weights[:, k]
+    np.testing.assert_allclose(weights.reshape(4, -1), wanted[valid], atol=1e-6)
+
+
+def test_animations_that_were_there_play_as_before(tmp_path, rng):
+    mesh = grid_mesh(6, 5, spacing=30.0)
+    deltas, weights = rng.normal(size=(2, 30, 3)), rng.uniform(size=(3, 2))
+    write_glb(tmp_path / "a.glb", mesh, deltas, ["a", "b"], [0, 0.5, 1], weights, "SMOOTH")
+    rig = read_rig(tmp_path / "a.glb")
+    write_into(tmp_path / "b.glb", rig, {"c": deltas[0]})
+    rows = keys_of(tmp_path / "b.glb")[1].reshape(3, 3, 3)  # key; tangent, value, tangent; target
+    np.testing.assert_allclose(rows[:, 1, :2], weights, atol=1e-6)
+    assert not rows[:, [0, 2]].any() and not rows[..., 2].any()
+
+
+def test_the_file_itself_can_be_written_into_again_and_again(tmp_path, shapes):
+    path = Path(shutil.copy(FIXTURES / "avatar.glb", tmp_path / "mine.glb"))
+    for k in range(3):
+        write_into(path, read_rig(path, mesh="Head"), {f"pose {k}": shapes["a corner"]})
+    rig = read_rig(path, mesh="Head")
+    assert rig.names[-3:] == ("pose 0", "pose 1", "pose 2")
+    np.testing.assert_allclose(rig.deltas[-1], shapes["a corner"], atol=2e-5)
+
+
+def test_a_text_gltf_keeps_what_lies_beside_it(tmp_path, shapes):
+    told, body = opened(FIXTURES / "avatar.glb")
+    told["buffers"][0]["uri"] = "mine.bin"
+    (tmp_path / "mine.bin").write_bytes(body)
+    (tmp_path / "mine.gltf").write_text(json.dumps(told))
+    rig = read_rig(tmp_path / "mine.gltf", mesh="Head")
+    write_into(tmp_path / "new.gltf", rig, shapes)
+    assert (tmp_path / "mine.bin").read_bytes() == body
+    again = read_rig(tmp_path / "new.gltf", mesh="Head")
+    np.testing.assert_allclose(again.deltas[-1], shapes["a corner"], atol=2e-5)
+    (tmp_path / "other").mkdir()
+    with pytest.raises(ValueError, match=r"keeps 'mine\.bin' beside it; write into the same"):
+        write_into(tmp_path / "other" / "new.gltf", rig, shapes)
+
+
+NODE = shutil.which("node")
+
+
+@pytest.mark.filterwarnings("ignore:.*is written uncompressed")
+@pytest.mark.parametrize("name", [*PLAIN, *PACKED])
+def test_khronos_validator_finds_nothing_new(tmp_path, shapes, name):
+    def issues(path):
+        run = [NODE, FIXTURES / "validate.cjs", path]
+        done = subprocess.run(run, capture_output=True, text=True, check=False)
+        if "Cannot find module 'gltf-validator'" in done.stderr:
+            pytest.skip("Khronos' validator is not there: npm install gltf-validator")
+        found = [m for m in json.loads(done.stdout)["messages"] if m["severity"] < 2]
+        # in packed data the validator cannot see it
+        return {m["code"] for m in found} - {"ACCESSOR_JOINTS_USED_ZERO_WEIGHT"}
+
+    if NODE is None:
+        pytest.skip("Khronos' validator needs node")
+    write_into(tmp_path / "new.glb", avatar(name), shapes, a_take(["jawOpen", "a corner"]))
+    assert issues(tmp_path / "new.glb") <= issues(FIXTURES / f"{name}.glb")
+
+
+# --- OBJ ------------------------------------------------------------------------------------------
+
+REST = """# a head
+o head
+v 0 0 0 1 0.5 0
+v 100.25 0 0 1 0 0
+v 100 100 0 1 0 0
+v\t0 100 0 1 0 0
+v 50 200 0.125 1 0 0
+vt 0 0
+vt 1 0
+usemtl skin
+g lower
+f 1/1 2/2 3/2 4/1
+g upper
+f 4/1 3/2 5/1
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    folder = tmp_path / "rig"
+    folder.mkdir()
+    (folder / "neutral.obj").write_text(REST)
+    (folder / "smile.obj").write_text(REST.replace("50 200", "55 200"))
+    return folder
+
+
+def test_an_obj_keeps_quads_groups_and_texture_coordinates(folder, tmp_path):
+    rig = read_rig(folder)
+    moved = np.zeros((5, 3))
+    moved[4] = [1, 2, 0.5]
+    write_into(tmp_path / "out", rig, {"up": moved, "none": 0 * moved})
+    assert (tmp_path / "out" / "none.obj").read_text() == REST
+    up = REST.replace("v 50 200 0.125 1 0 0", "v 51 202 0.625 1 0 0")
+    assert (tmp_path / "out" / "up.obj").read_text() == up
+    write_into(tmp_path / "up.obj", rig, {"up": moved})
+    assert (tmp_path / "up.obj").read_text() == up
+
+
+# --- refusals -------------------------------------------------------------------------------------
+
+
+def test_what_does_not_fit_is_refused_and_nothing_is_written(folder, tmp_path, shapes):
+    rig, obj, out = avatar("avatar"), read_rig(folder), tmp_path / "new.glb"
+    loose = BlendshapeRig(rig.neutral, rig.names, rig.deltas)
+    moved = {"up": np.zeros((5, 3))}
+    for words, call in {
+        "it was not read from a file": lambda: write_into(out, loose, shapes),
+        "has jawOpen already": lambda: write_into(out, rig, {"jawOpen": shapes["a corner"]}),
+        r"shapes\['x'\] has shape \(2, 3\)": lambda: write_into(out, rig, {"x": np.zeros((2, 3))}),
+        "there is nothing to write": lambda: write_into(out, rig),
+        r"does not end in \.glb": lambda: write_into(tmp_path / "new.obj", rig, shapes),
+        "drives": lambda: write_into(out, rig, take=a_take(["tongueOut"])),
+        "OBJ files .* hold no animation": lambda: write_into(folder, obj, moved, a_take(["smile"])),
+        "is one OBJ file, but there are 2": lambda: write_into(
+            tmp_path / "a.obj", obj, {**moved, "b": moved["up"]}
+        ),
+        "makes no file name": lambda: write_into(tmp_path / "o", obj, {"../x": moved["up"]}),
+        "give each shape a name": lambda: write_into(out, rig, {"": shapes["a corner"]}),
+    }.items():
+        with pytest.raises(ValueError, match=words):
+            call()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["rig"]
+
+
+def test_a_file_that_has_changed_since_is_refused(tmp_path, shapes):
+    path = Path(shutil.copy(FIXTURES / "avatar.glb", tmp_path / "mine.glb"))
+    rig = read_rig(path, mesh="Head")
+    write_into(path, rig, shapes)
+    with pytest.raises(ValueError, match=r"6 shapes, but the rig was read from .* and 4"):
+        write_into(path, rig, shapes)
