@@ -250,6 +250,10 @@ class History:
         held = inspect.ismethod(callback)
         self._observers.append(weakref.WeakMethod(callback) if held else lambda: callback)
 
+    def unobserve(self, callback):
+        """Call it back no more."""
+        self._observers = [known for known in self._observers if known() != callback]
+
     def tell(self, what):
         """Tell those who watch, unless what is being done is not yet whole."""
         if self._depth:

@@ -121,6 +121,12 @@ class FilePanel(Panel):
         self.upload = widgets.FileUpload(
             accept=".json", description="Open a pose file", layout={"width": "auto"}
         )
+        self.open_rig = widgets.FileUpload(
+            accept=".glb,.gltf,.vrm,.npz",
+            description="Open a rig",
+            tooltip="Pose your own head: a GLB, VRM or glTF with shapes",
+            layout={"width": "auto"},
+        )
         rows = {
             "pose": [self.save, self.load],
             "mesh": [self.obj, self.ply, self.glb],
@@ -134,11 +140,12 @@ class FilePanel(Panel):
                     widgets.HBox([widgets.Label(text, layout={"width": "56px"}), *buttons])
                     for text, buttons in rows.items()
                 ),
-                self.upload,
+                widgets.HBox([self.upload, self.open_rig]),
                 self._result,
             ]
         )
         self.upload.observe(self._open, names="value")
+        self.open_rig.observe(self._open_rig, names="value")
         self._list_files()
 
     def _button(self, text):
@@ -188,6 +195,14 @@ class FilePanel(Panel):
         if self.lab.clip.model is not self.session.model:
             raise ValueError(OTHER_MODEL)
         return self.lab.clip.clip
+
+    @shows_errors
+    def _open_rig(self, change):
+        if not change["new"]:
+            return
+        self.lab.say("Reading the rig, and learning how it moves ...")
+        with uploaded(self.open_rig) as path:
+            self.lab.become(path)
 
     @shows_errors
     def _open(self, change):

@@ -6,12 +6,15 @@ import ipywidgets as widgets
 import numpy as np
 
 from facelab.data.examples import load_example
+from facelab.files.rigs import read_rig
 from facelab.geometry.binding import bind_to_samples
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.plotting import region_colors
 from facelab.posing.session import PosingSession
+from facelab.rig import BlendshapeRig
 from facelab.segmentation.segment import segment_face
+from facelab.widgets.own_face import own_face
 from facelab.widgets.page import Page, markup, quiet, shows_errors
 from facelab.widgets.parts import ROOT, Keys
 from facelab.widgets.posing_clips import ClipPanel
@@ -120,6 +123,48 @@ class PosingLab(Page):
         lab = cls(session, models, example.props, takes, **kwargs)
         lab.about = example.about
         return lab
+
+    @classmethod
+    def open(cls, rig, take=None, n_components=20, n_regions=9, **kwargs):
+        """A lab of one's own rig: the rig as it is, and a region model that learned from it.
+
+        The region model learns from the take, or, where there is none, from plausible mixtures of
+        the rig's own shapes (`plausible_mixtures`), with 0.3 mm of noise.
+
+        Parameters
+        ----------
+        rig : str, Path or BlendshapeRig
+            A file or folder for `read_rig`, or a rig.
+        take : WeightSequence, optional
+            Weights of a performance, in any spelling of names that drives the rig.
+        n_components : int, default=20
+            Modes of each region.
+        n_regions : int, default=9
+        **kwargs
+            For `PosingLab`.
+
+        Raises
+        ------
+        FileNotFoundError, ValueError, TypeError
+            As `read_rig`, and for a take that does not drive the rig.
+        """
+        rig = rig if isinstance(rig, BlendshapeRig) else read_rig(rig)
+        arguments, about = own_face(rig, take, n_components, n_regions)
+        lab = cls(**arguments, **kwargs)
+        lab.about = about
+        lab.say(about)
+        return lab
+
+    def become(self, rig, take=None):
+        """Show and pose another rig in this page, as `open` makes one."""
+        rig = rig if isinstance(rig, BlendshapeRig) else read_rig(rig)
+        arguments, about = own_face(rig, take)
+        page, (width, height), folder = self.widget, self.size, self.folder
+        self.session.history.unobserve(self._follow)
+        self.__init__(**arguments, width=width, height=height, folder=folder)
+        page.children, self.widget = self.widget.children, page
+        self.about = about
+        self.say(about)
 
     # --- the page ---------------------------------------------------------------------------------
 

@@ -64,8 +64,8 @@ def hover(lab, spot):
 
 
 def pull(lab, name, offset, steps=12, release=True):
-    """Hover over a landmark, press, move by an offset in millimetres, let go."""
-    start = vertices(lab)[landmark(lab, name)]
+    """Hover over a landmark (or a vertex), press, move by an offset in millimetres, let go."""
+    start = vertices(lab)[landmark(lab, name) if isinstance(name, str) else name]
     path = start + np.linspace(0, 1, steps + 1)[:, None] * np.asarray(offset, dtype=float)
     at = on_page(lab, path)
     mouse = lab.page.mouse
@@ -369,6 +369,35 @@ def test_a_pose_saved_before_the_kernel_was_restarted_is_loaded_after(fresh):
     click(fresh, "Load")
     np.testing.assert_allclose(vertices(fresh), posed, atol=1e-9)
     snapshot(fresh, "loaded")
+
+
+OWN = """
+import facelab
+rig = facelab.load_example().rig
+facelab.files.write_glb("head.glb", rig.neutral, rig.deltas[:20], rig.names[:20])
+corner = rig.neutral.landmarks["mouth_corner_left"]
+where = facelab.read_rig("head.glb").source.index[corner]
+"""
+
+
+def test_a_rig_is_opened_by_the_button_pulled_and_taken_back(fresh):
+    fresh.run(OWN)
+    path = fresh.run("import os", p="os.path.abspath('head.glb')")["p"]
+    show_tab(fresh, "Files")
+    with fresh.page.expect_file_chooser() as chooser:
+        fresh.page.get_by_role("button", name="Open a rig").first.click()
+    chooser.value.set_files(path)
+    expect(fresh.page.get_by_text("head.glb: 20 shapes").first).to_be_visible(timeout=120_000)
+    snapshot(fresh, "own_rig")
+    wait_until(fresh, "lab.session.model.regions.n_regions == 9")
+    fresh.bring_into_view()
+    fresh.settle()
+    corner, neutral = fresh.run("", c="int(where)")["c"], vertices(fresh)
+    pull(fresh, corner, SMIRK)
+    assert np.linalg.norm(vertices(fresh)[corner] - neutral[corner]) > 3
+    snapshot(fresh, "own_rig_pulled")
+    press(fresh, "z")
+    np.testing.assert_array_equal(vertices(fresh), neutral)
 
 
 def test_the_page_of_its_own_works_as_make_app_shows_it(tmp_path):

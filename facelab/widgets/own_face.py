@@ -1,0 +1,58 @@
+"""What the posing lab shows of a rig of one's own."""
+
+from pathlib import Path
+
+import numpy as np
+
+from facelab.pipeline import model_from_take, plausible_mixtures
+from facelab.rig import BlendshapeRig
+
+_NOISE = 0.3  # mm per axis, as a capture has it
+_MOVES = 1e-3  # mm: what moves less is still
+_PART = (0.86, 0.85, 0.83)  # colour of parts that the file has none for
+
+
+def own_face(rig, take=None, n_components=20, n_regions=9):
+    """Arguments of `PosingLab` for a rig: its session, models, still parts and takes.
+
+    The region model learns from the take, or from plausible mixtures of the rig's own shapes. Of a
+    head in pieces the one that moves most is posed, the others (eyes, teeth) are shown still.
+
+    Returns
+    -------
+    arguments : dict
+    about : str
+        What is shown, in words.
+    """
+    pieces, still = rig.neutral.pieces, [_mesh_of(part) for part in rig.parts.values()]
+    name = "A rig" if rig.source is None else Path(rig.source.path).name
+    about = f"{name}: {len(rig.names)} shapes on {rig.neutral.n_vertices:,} vertices"
+    if pieces.any():
+        moved = np.abs(rig.deltas).max(axis=(0, 2)) > _MOVES
+        face = pieces == np.bincount(pieces, moved).argmax()
+        still.append(rig.neutral.submesh(~face))
+        about += f" in {pieces.max() + 1} pieces, of which the largest that moves is posed"
+        rig = rig.on(np.flatnonzero(face))
+    mixed = take is None
+    learned = model_from_take(
+        plausible_mixtures(rig) if mixed else take,
+        rig,
+        n_components=n_components,
+        n_regions=n_regions,
+        noise=_NOISE,
+        progress=False,
+    )
+    source = "plausible mixtures of its own shapes" if mixed else "the take"
+    about += f". The region model has {learned.regions.n_regions} regions, learned from {source}."
+    small = rig.on(learned.samples, learned.control)
+    arguments = {
+        "session": learned.session(),
+        "models": {"region": learned.model, "rig": rig},
+        "props": [(mesh, np.tile(_PART, (mesh.n_vertices, 1))) for mesh in still],
+        "takes": {} if mixed else {"take": (small.animate(take), take)},
+    }
+    return arguments, about
+
+
+def _mesh_of(part):
+    return part.neutral if isinstance(part, BlendshapeRig) else part

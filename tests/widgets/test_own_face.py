@@ -1,0 +1,71 @@
+"""The posing lab on a rig of one's own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from planted import bumpy_rig
+
+from facelab.files import read_rig, write_glb
+from facelab.geometry.mesh import TriangleMesh
+from facelab.motion import WeightSequence
+from facelab.rig import BlendshapeRig
+from facelab.widgets import PosingLab
+
+FIXTURES = Path(__file__).resolve().parents[1] / "fixtures"
+pytestmark = pytest.mark.filterwarnings("ignore:.*longest side is")
+
+
+@pytest.fixture
+def in_pieces():
+    """A face with a ball beside it that no shape moves, in one mesh."""
+    rig = bumpy_rig()
+    V, F, n = rig.neutral.vertices, rig.neutral.faces, rig.neutral.n_vertices
+    both = TriangleMesh(np.vstack([V, V / 4 + 100]), np.vstack([F, F + n]))
+    return BlendshapeRig(both, rig.names, np.hstack([rig.deltas, 0 * rig.deltas]))
+
+
+def test_a_file_opens_as_a_rig_and_as_regions_with_its_other_parts():
+    lab = PosingLab.open(FIXTURES / "avatar.glb", n_regions=4)
+    assert list(lab.models) == ["region", "rig"] and len(lab.props) == 2
+    assert "plausible mixtures" in lab.about and "avatar.glb: 4 shapes" in lab.about
+    assert lab.about in lab._status.value
+
+
+def test_a_take_is_learned_from_and_can_be_played():
+    rig = read_rig(FIXTURES / "avatar.glb")
+    rng = np.random.default_rng(0)
+    take = WeightSequence(rng.uniform(0, 1, (90, 2)), ["JawOpen", "eyeBlink_L"], 30)
+    lab = PosingLab.open(rig, take, n_regions=4)
+    assert "learned from the take" in lab.about and list(lab.takes) == ["take"]
+
+
+def test_of_a_head_in_pieces_the_one_that_moves_is_posed(in_pieces):
+    lab = PosingLab.open(in_pieces, n_regions=4)
+    n = in_pieces.neutral.n_vertices // 2
+    assert lab.session.neutral.n_vertices == n
+    assert [mesh.n_vertices for mesh, _ in lab.props] == [n]
+    assert "in 2 pieces, of which the largest that moves is posed" in lab.about
+
+
+def test_another_rig_takes_the_place_of_the_first_in_the_same_page(tmp_path):
+    rig = bumpy_rig()
+    write_glb(tmp_path / "head.glb", rig.neutral, rig.deltas, rig.names)
+    lab = PosingLab.open(FIXTURES / "avatar.glb", n_regions=4)
+    page, before = lab.widget, lab.session
+    lab.become(read_rig(tmp_path / "head.glb", scale=1000))
+    assert lab.widget is page and lab.session is not before
+    assert lab.session.neutral.n_vertices == rig.neutral.n_vertices
+    shown = lab.vertices.copy()
+    before.mold(0, 0, 0.5)  # a script still holds the old one
+    np.testing.assert_array_equal(lab.vertices, shown)
+    assert lab._follow not in [known() for known in before.history._observers]
+
+
+def test_a_file_that_is_no_rig_leaves_the_lab_as_it_was(tmp_path):
+    (tmp_path / "bad.glb").write_bytes(b"glTF")
+    lab = PosingLab.open(FIXTURES / "avatar.glb", n_regions=4)
+    session = lab.session
+    with pytest.raises(ValueError, match=r"bad\.glb"):
+        lab.become(tmp_path / "bad.glb")
+    assert lab.session is session
