@@ -209,6 +209,7 @@ class IntermediateSpace:
     def __init__(self, source, target, method="transfer", register=None, preset="close"):
         check_type(source, "source", BlendshapeRig, "of an actor, take actor_rig(...).linear()")
         check_type(target, "target", TriangleMesh, "give the neutral face as a mesh")
+        check_face_size(source.neutral.vertices, "source")
         check_face_size(target.vertices, "target")
         alike = _alike(source.neutral, target)
         if register is False and not alike:
@@ -365,6 +366,7 @@ class SimplifiedRig:
 
     def __init__(self, rig, n_vertices=397, anchor_weight=0.5, weights="uniform"):
         check_type(rig, "rig", BlendshapeRig, "give units on the full mesh")
+        check_face_size(rig.neutral.vertices, "rig")
         self.samples, mesh = rig.neutral.subsample(n_vertices)
         self.rig = rig.on(self.samples, mesh)
         self._deformer = LaplacianDeformer(rig.neutral, self.samples, anchor_weight, weights)
