@@ -69,7 +69,7 @@ def _own_words(name):
 
 
 def _key(words):
-    """Words as one, a side at the end; of several sides (L_eyesLookRight) only one in front goes."""
+    """Words as one, a side at the end; of several sides (L_eyesLookRight) the one in front."""
     sides = [w for w in words if w in _SIDES]
     words = [_SIDES.get(w, w) if len(words) > 1 else w for w in words]
     if words and words[0] in _SIDES and len(words) > 1:
