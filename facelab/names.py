@@ -1,6 +1,8 @@
 """Names of facial shapes, whatever their spelling: ARKit's own, and a key under which all agree."""
 
 import re
+from collections import Counter
+from dataclasses import dataclass
 
 ARKIT = (
     *("eyeBlinkLeft", "eyeLookDownLeft", "eyeLookInLeft", "eyeLookOutLeft", "eyeLookUpLeft"),
@@ -54,18 +56,179 @@ def normalised(name):
     ...                          "mouthSmile.l", "L_mouthSmile", "MOUTHSMILELEFT")}
     {'mouthsmileleft'}
     """
+    return _key(_own_words(name))
+
+
+def _own_words(name):
+    """Words of a name without its namespace."""
     parts = [words for words in map(_words, _SPACE.split(name)) if words]
     words = parts[-1] if parts else []
     if len(parts) > 1 and len(words) == 1 and words[0] in _SIDES:
         words = parts[-2] + words
+    return words
+
+
+def _key(words):
+    """Words as one, a side at the end; of several sides (L_eyesLookRight) the one in front."""
     sides = [w for w in words if w in _SIDES]
-    if len(sides) == 1 and len(words) > 1:
+    words = [_SIDES.get(w, w) if len(words) > 1 else w for w in words]
+    if words and words[0] in _SIDES and len(words) > 1:
+        words = [*words[1:], words[0]]
+    elif len(sides) == 1 and len(words) > 1:
         words = [w for w in words if w not in _SIDES] + [_SIDES[sides[0]]]
     return "".join(words)
 
 
 def _words(text):
     return [w.casefold() for run in _WORD.findall(text) for w in _CAMEL.split(run)]
+
+
+# --- two lists of names ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class NameMatch:
+    """What drives what, as `match_names` finds it; printed, a report.
+
+    Parameters
+    ----------
+    driven : dict of str to str
+        The name that drives each shape.
+    idle : tuple of str
+        Shapes that nothing drives.
+    left_over : tuple of str
+        Names that drive nothing.
+    """
+
+    driven: dict
+    idle: tuple
+    left_over: tuple
+
+    def __repr__(self):
+        return f"NameMatch({self._summary})"
+
+    def __str__(self):
+        lines = [f"{self._summary}."]
+        other = {}
+        for shape, name in self.driven.items():
+            if shape != name:
+                other.setdefault(name, []).append(shape)
+        if other:
+            said = (f"{' and '.join(shapes)} by {name}" for name, shapes in other.items())
+            lines.append(f"In another spelling: {', '.join(said)}.")
+        if self.idle:
+            lines.append(f"Not driven: {', '.join(self.idle)}.")
+        if self.left_over:
+            lines.append(f"Left over: {', '.join(self.left_over)}.")
+        return "\n".join(lines)
+
+    @property
+    def _summary(self):
+        used = len(set(self.driven.values()))
+        return (
+            f"{len(self.driven)} of {len(self.driven) + len(self.idle)} shapes driven by {used} of "
+            f"{used + len(self.left_over)} names"
+        )
+
+
+def match_names(shapes, names):
+    """Which of some names drives each shape, whatever their spelling.
+
+    The same name is taken first, then one that differs in case, separators, spelling of the side
+    or namespace (see `normalised`), then one that differs by a prefix that half of its list has
+    (`head_jawOpen`), and at last a name without side for a shape that has one (`browInnerUp` for
+    `browInnerUp_L` and `browInnerUp_R`; a bare `jaw` or `mouth` says no direction).
+
+    Parameters
+    ----------
+    shapes, names : sequence of str
+        Each once.
+
+    Returns
+    -------
+    NameMatch
+
+    Raises
+    ------
+    ValueError
+        Where two names read like one shape, or two shapes like one name, and none is spelled the
+        same.
+
+    Examples
+    --------
+    >>> print(match_names(["JawOpen", "browUp_L", "nod"], ["head.jawOpen", "browUp", "tongueOut"]))
+    2 of 3 shapes driven by 2 of 3 names.
+    In another spelling: JawOpen by head.jawOpen, browUp_L by browUp.
+    Not driven: nod.
+    Left over: tongueOut.
+    """
+    driven = {shape: shape for shape in shapes if shape in set(names)}
+    plain = [normalised(n) for n in shapes], [normalised(n) for n in names]
+    short = _without_prefix(shapes), _without_prefix(names)
+    ways = [plain, (short[0], plain[1]), (plain[0], short[1]), short]
+    taken = set(driven.values())
+    for keys, theirs in ways:
+        _add(driven, taken, shapes, keys, names, theirs)
+        taken |= set(driven.values())
+    for keys, theirs in ways:
+        stems = [_stem(key) for key in keys]
+        _add(driven, taken, shapes, stems, names, theirs, shared=True)
+    return NameMatch(
+        {shape: driven[shape] for shape in shapes if shape in driven},
+        tuple(shape for shape in shapes if shape not in driven),
+        tuple(name for name in names if name not in set(driven.values())),
+    )
+
+
+def _add(driven, taken, shapes, keys, names, theirs, shared=False):
+    """Shapes not driven yet, by names not taken yet whose key is theirs; refused where unclear."""
+    found, claims = {}, {}
+    for name, key in zip(names, theirs, strict=True):
+        if name not in taken and key:
+            found.setdefault(key, []).append(name)
+    for shape, key in zip(shapes, keys, strict=True):
+        if shape in driven or key not in found:
+            continue
+        if len(found[key]) > 1:
+            raise ValueError(
+                f"{', '.join(map(repr, found[key]))} all read like the shape {shape!r}; give the "
+                "one meant that name, and the others another (take.renamed)."
+            )
+        claims.setdefault(found[key][0], []).append(shape)
+    for name, several in claims.items():
+        if len(several) > 1 and not shared:
+            raise ValueError(
+                f"the shapes {', '.join(map(repr, several))} all read like {name!r}; give the one "
+                "meant that name, and the others another (rig.renamed)."
+            )
+        driven.update(dict.fromkeys(several, name))
+
+
+def _stem(key):
+    """A key without its side; empty where it has none, or says nothing without."""
+    for end in ("left", "right"):
+        if key.endswith(end) and key.removesuffix(end) not in ("", "jaw", "mouth"):
+            return key.removesuffix(end)
+    return ""
+
+
+def _without_prefix(names):
+    """Keys without the leading words that half of the names share, two at least."""
+    words = [_own_words(n) for n in names]
+    prefix = []
+    while True:
+        ahead = Counter(
+            w[len(prefix)] for w in words if len(w) > len(prefix) + 1 and w[: len(prefix)] == prefix
+        )
+        word, count = ahead.most_common(1)[0] if ahead else ("", 0)
+        if count < max(2, len(words) / 2) or word in _SIDES:
+            break
+        prefix.append(word)
+    n = len(prefix)
+    return [_key(w[n:] if n and w[:n] == prefix else w) for w in words]
+
+
+# --- what a name means ----------------------------------------------------------------------------
 
 
 _ARKIT = {normalised(name): name for name in ARKIT}

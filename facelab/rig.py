@@ -1,5 +1,6 @@
 """Blendshape rigs: a neutral face and named displacements that are added to it."""
 
+import warnings
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -9,7 +10,9 @@ from scipy.linalg.blas import daxpy
 from facelab.checks import as_finite
 from facelab.face_model import FaceModel
 from facelab.geometry.mesh import TriangleMesh
+from facelab.geometry.size import check_face_size
 from facelab.motion import MotionSequence
+from facelab.names import canonical, match_names
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,10 +212,11 @@ class BlendshapeRig(FaceModel):
     def animate(self, take, dtype=np.float32):
         """Drive the rig with recorded weights.
 
-        ARKit names find the rig's own (`eyeBlinkLeft` drives `eyeBlink_L`; a name without a
-        side drives both sides). Weights are clipped to [0, 1]. Recorded shapes that the rig
-        does not have move nothing; shapes that were not recorded rest at zero. Lost frames
-        stay lost: their positions are the neutral and `valid` is False.
+        Recorded names find the rig's own, see `match` (`eyeBlinkLeft` drives `eyeBlink_L`; a
+        name without a side drives both sides). Weights are clipped to [0, 1]. Recorded shapes
+        that the rig does not have move nothing; shapes that were not recorded rest at zero: both
+        are said in a warning. Lost frames stay lost: their positions are the neutral and `valid`
+        is False.
 
         Parameters
         ----------
@@ -228,8 +232,9 @@ class BlendshapeRig(FaceModel):
         Raises
         ------
         ValueError
-            If no recorded name drives any shape of the rig.
+            If no recorded name drives any shape of the rig, or names are unclear.
         """
+        check_face_size(self.neutral.vertices, "rig")
         weights = self.rig_weights(take)
         flat = self.deltas.reshape(len(self.names), -1).astype(dtype)
         moved = weights.astype(dtype) @ flat
@@ -237,34 +242,77 @@ class BlendshapeRig(FaceModel):
         positions = moved.reshape(len(weights), -1, 3)
         return MotionSequence(positions, take.fps, self.neutral, take.valid)
 
+    def match(self, take):
+        """What of the rig a take drives, what it does not, and what of the take is left over.
+
+        Parameters
+        ----------
+        take : WeightSequence
+
+        Returns
+        -------
+        facelab.names.NameMatch
+            Printed, a report. Case, separators, the spelling of sides and prefixes do not matter;
+            `renamed`, of the rig or of the take, mends what does.
+
+        Raises
+        ------
+        ValueError
+            Where several names read alike, see `facelab.names.match_names`.
+
+        Examples
+        --------
+        >>> import facelab
+        >>> face = facelab.TriangleMesh([[0, 0, 0], [90, 0, 0], [0, 90, 0]], [[0, 1, 2]])
+        >>> rig = facelab.BlendshapeRig(face, ["head.JawOpen", "nod"], np.ones((2, 3, 3)))
+        >>> rig.match(facelab.WeightSequence([[0.5]], ["jawOpen"], fps=30))
+        NameMatch(1 of 2 shapes driven by 1 of 1 names)
+        """
+        return match_names(self.names, take.names)
+
     def rig_weights(self, take):
         """Recorded weights in the rig's order, clipped to [0, 1]; zero in lost frames.
 
         Returns
         -------
         W : ndarray of shape (n_frames, n_shapes)
+
+        Raises
+        ------
+        ValueError
+            If no recorded name drives any shape of the rig, or names are unclear (see `match`).
+
+        Warns
+        -----
+        UserWarning
+            Of shapes that nothing drives, and of recorded motion that drives nothing. (Not of the
+            tongue, which hardly a face has.)
         """
-        source = {}
-        for column, name in enumerate(take.names):
-            for target in rig_names(name):
-                source[target] = column
-        driven = [source.get(name) for name in self.names]
-        if all(column is None for column in driven):
+        match = self.match(take)
+        if not match.driven:
             raise ValueError(
-                f"no recorded name drives this rig: recorded are {', '.join(take.names[:4])}, ..., "
-                f"the rig has {', '.join(self.names[:4])}, ...; rename the columns of the take."
+                f"no recorded name drives this rig: recorded are {_few(take.names)}, the rig has "
+                f"{_few(self.names)}; rename the columns of the take (take.renamed) or the shapes "
+                "(rig.renamed), or translate the take from the rig that it was made for."
+            )
+        column = {name: k for k, name in enumerate(take.names)}
+        moves = np.abs(take.weights[take.valid]).max(axis=0, initial=0) > 0.01
+        lost = [n for n in match.left_over if moves[column[n]] and canonical(n) != "tongueOut"]
+        if match.idle or lost:
+            said = [f"not driven: {_few(match.idle)}"] * bool(match.idle)
+            said += [f"recorded, but drives nothing: {_few(lost)}"] * bool(lost)
+            warnings.warn(
+                f"the take drives {len(match.driven)} of {len(self.names)} shapes; "
+                f"{'; '.join(said)}. rig.match(take) tells all.",
+                stacklevel=2,
             )
         W = np.zeros((take.n_frames, len(self.names)))
-        for k, column in enumerate(driven):
-            if column is not None:
-                W[:, k] = take.weights[:, column]
+        for k, name in enumerate(self.names):
+            if name in match.driven:
+                W[:, k] = take.weights[:, column[match.driven[name]]]
         W[~take.valid] = 0
         return W.clip(0, 1)
 
 
-def rig_names(name):
-    """Names that a recorded ARKit name may have in a rig: as it is, by side, or on both sides."""
-    for side in ("Left", "Right"):
-        if name.endswith(side):
-            return (name, f"{name[: -len(side)]}_{side[0]}")
-    return (name, f"{name}_L", f"{name}_R")
+def _few(names):
+    return f"{', '.join(names[:6])}{', ...' * (len(names) > 6)}"

@@ -3,7 +3,7 @@ import doctest
 import pytest
 
 from facelab import motion, names
-from facelab.names import ANGLES, ARKIT, arkit_names, canonical, normalised
+from facelab.names import ANGLES, ARKIT, arkit_names, canonical, match_names, normalised
 
 
 def test_every_arkit_name_and_angle_has_a_key_of_its_own():
@@ -99,3 +99,73 @@ def test_the_units_of_the_actors_go_where_their_table_says():
 def test_the_examples_run(module):
     failed, tried = doctest.testmod(module)
     assert tried and not failed
+
+
+# --- two lists of names ---------------------------------------------------------------------------
+
+SPELLINGS = {
+    "as it is": str,
+    "Pascal": lambda n: n[0].upper() + n[1:],
+    "snake": lambda n: "".join(f"_{c.lower()}" if c.isupper() else c for c in n),
+    "namespace": lambda n: f"blendShape1.{n}",
+    "prefix": lambda n: f"head_{n}",
+    "longer prefix": lambda n: f"CC_Base_{n}",
+    "_L": lambda n: n.replace("Left", "_L").replace("Right", "_R"),
+    ".l": lambda n: n.replace("Left", ".l").replace("Right", ".r"),
+    "l_": lambda n: (n[-5:] == "Right") * "r_" + (n[-4:] == "Left") * "l_" + _plain(n),
+    "mixed": lambda n: f"Head_GEO.{n.upper()}" if n.startswith("jaw") else n,
+}
+
+
+def _plain(name):
+    return name.removesuffix("Left").removesuffix("Right")
+
+
+@pytest.mark.parametrize("spell", SPELLINGS)
+@pytest.mark.parametrize("there", ["as it is", "prefix", "l_"])
+def test_every_spelling_of_a_rig_is_driven_whole_by_every_other(spell, there):
+    shapes = [SPELLINGS[spell](n) for n in ARKIT]
+    names = [SPELLINGS[there](n) for n in ARKIT]
+    match = match_names(shapes, names)
+    assert match.driven == dict(zip(shapes, names, strict=True))
+    assert match.idle == match.left_over == ()
+
+
+def test_a_name_with_a_side_never_stands_for_the_other_and_a_bare_jaw_for_none():
+    match = match_names(["eyeBlink_L", "eyeBlink_R"], ["eyeBlinkLeft"])
+    assert match.driven == {"eyeBlink_L": "eyeBlinkLeft"} and match.idle == ("eyeBlink_R",)
+    assert not match_names(["jawLeft", "mouthRight"], ["jaw", "mouth"]).driven
+
+
+def test_two_sides_in_a_name_are_kept_apart():
+    names = ["eyesLookLeft_L", "eyesLookLeft_R", "eyesLookRight_L", "eyesLookRight_R"]
+    spelled = ["L_eyesLookLeft", "EyesLookLeftRight", "eyesLookRight.l", "eyes_look_right_r"]
+    assert match_names(names, spelled).driven == dict(zip(names, spelled, strict=True))
+
+
+def test_what_reads_like_two_is_refused_by_name():
+    with pytest.raises(ValueError, match=r"'a\.jawOpen', 'b\.jawOpen' all read .* 'JawOpen'"):
+        match_names(["JawOpen"], ["a.jawOpen", "b.jawOpen"])
+    with pytest.raises(ValueError, match=r"shapes 'Jaw_Open', 'JAWOPEN' all read like 'jawOpen'"):
+        match_names(["Jaw_Open", "JAWOPEN"], ["jawOpen"])
+    match = match_names(["jawOpen", "Jaw_Open"], ["jawOpen", "JAWOPEN", "jaw open"][:1])
+    assert match.driven == {"jawOpen": "jawOpen"} and match.idle == ("Jaw_Open",)
+
+
+def test_a_prefix_that_few_names_have_is_part_of_them():
+    assert not match_names(["upperLid"], ["lid", "jaw"]).driven
+    assert not match_names(["upperLid", "lower", "chin", "nose"], ["lid"]).driven
+
+
+def test_a_report_says_all_names_once():
+    match = match_names(["a_L", "a_R", "b", "c"], ["A", "b", "d"])
+    assert repr(match) == "NameMatch(3 of 4 shapes driven by 2 of 3 names)"
+    assert str(match).splitlines()[1:] == [
+        "In another spelling: a_L and a_R by A.",
+        "Not driven: c.",
+        "Left over: d.",
+    ]
+
+
+def test_names_without_a_letter_drive_nothing():
+    assert match_names(["!", "?"], ["", "..."]).driven == {}

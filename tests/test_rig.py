@@ -1,3 +1,5 @@
+import warnings
+
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -9,7 +11,7 @@ from facelab.models.holistic import HolisticModel
 from facelab.motion import WeightSequence
 from facelab.posing.session import PosingSession
 from facelab.posing.solver import PoseSolver
-from facelab.rig import BlendshapeRig, rig_names
+from facelab.rig import BlendshapeRig
 
 NAMES = ("eyeBlink_L", "eyeBlink_R", "browInnerUp_L", "browInnerUp_R", "jawOpen", "jawLeft")
 
@@ -143,9 +145,22 @@ def test_an_arkit_name_drives_the_shapes_meant_and_no_other(rig, recorded, drive
         np.testing.assert_array_equal(column, [0.25, 0.75] if name in driven else 0)
 
 
-def test_a_name_with_a_side_never_stands_for_the_other():
-    assert "eyeBlink_R" not in rig_names("eyeBlinkLeft")
-    assert "eyeBlink_L" not in rig_names("eyeBlinkRight")
+def test_a_partial_match_is_always_said(rig):
+    whole = {n: [0.5, 0.5] for n in rig.names}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rig.rig_weights(take({**whole, "tongueOut": [1, 1], "still": [0, 0]}))  # nothing is lost
+    with pytest.warns(UserWarning, match=r"drives 1 of 6 shapes; not driven: eyeBlink_L, .*match"):
+        rig.rig_weights(take({"jawOpen": [0.1, 0.2]}))
+    with pytest.warns(UserWarning, match=r"6 of 6 shapes; recorded, but drives nothing: nod\."):
+        rig.rig_weights(take({**whole, "nod": [0, 0.5]}))
+
+
+def test_of_several_ways_to_a_shape_the_same_name_is_taken(rig):
+    columns = {"browInnerUp": [0.9], "browInnerUp_R": [0.1], "BrowInnerUpLeft": [0.2]}
+    W = rig.rig_weights(take(columns))
+    assert W[0].tolist() == [0, 0, 0.2, 0.1, 0, 0]
+    assert rig.match(take(columns)).left_over == ("browInnerUp",)
 
 
 def test_weights_are_clipped_and_their_source_is_not(rig):

@@ -1,6 +1,7 @@
 """Ready data: faces, takes, captures and actors, made or fetched on first use."""
 
 from facelab.data.actors import ACTORS, load_capture, load_template
+from facelab.data.aura import AURA_LANDMARKS, AURA_UNITS, load_aura, load_aura_take
 from facelab.data.cache import DataUnavailable, cache_dir, keep_arrays
 from facelab.data.examples import Example, load_example, synthetic_props
 from facelab.data.ict import ICT_AREAS, load_ict_facekit, load_ict_props
@@ -12,6 +13,8 @@ from facelab.keeping import source_stamp
 __all__ = [
     "ACTORS",
     "ANIMFACE_LANDMARKS",
+    "AURA_LANDMARKS",
+    "AURA_UNITS",
     "ICT_AREAS",
     "MARKERS",
     "TAKES",
@@ -20,6 +23,8 @@ __all__ = [
     "RegisteredActor",
     "cache_dir",
     "keep_arrays",
+    "load_aura",
+    "load_aura_take",
     "load_capture",
     "load_example",
     "load_ict_facekit",

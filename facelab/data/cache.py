@@ -11,7 +11,8 @@ from facelab.storage import load_npz, save_npz
 
 _REMEDY = (
     "Without a network, copy the data to this machine and name its folder: FACELAB_ICT for a clone "
-    "of ICT-FaceKit, FACELAB_CAPTURES for the recorded takes, FACELAB_ANIMFACE for the markers."
+    "of ICT-FaceKit, FACELAB_CAPTURES for the recorded takes, FACELAB_ANIMFACE for the markers, "
+    "FACELAB_AURA for the head Aura."
 )
 
 

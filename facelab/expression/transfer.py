@@ -10,10 +10,12 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.spatial import cKDTree
 
 from facelab.checks import as_finite, check_choice, check_count, check_number, check_type
+from facelab.expression.riding import Rider, closed, skin_of
 from facelab.expression.units import find_alignment, sketch_positions
-from facelab.geometry.binding import bind_to_surface
+from facelab.geometry.alignment import procrustes
 from facelab.geometry.deformation import LaplacianDeformer
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size
@@ -135,33 +137,26 @@ def _edge_frames(V, F):
     return np.stack([b - a, c - a, normal], axis=2), double / 2
 
 
-class _Rider:
-    """A mesh that rides on another, and keeps its lips and lids apart.
-
-    A vertex whose closest place on the carrier is far off or faces elsewhere (the inside of a lip
-    is close to the other lip) does not ride: it follows its own neighbours, harmonically.
-    """
-
-    def __init__(self, carrier, mesh, far=5.0):
-        self.rest = mesh.vertices
-        self.binding = bind_to_surface(carrier, mesh)
-        corners = carrier.faces[self.binding.faces]
-        normal = (self.binding.barycentric[..., None] * carrier.normals[corners]).sum(axis=1)
-        agrees = (normal * mesh.normals).sum(axis=1) > 0.5 * np.linalg.norm(normal, axis=1)
-        rides = agrees & (np.linalg.norm(self.binding.offsets, axis=1) < far)
-        rides |= ~np.isin(mesh.pieces, mesh.pieces[rides])  # a piece of which no vertex would
-        self.loose, self.rides = np.flatnonzero(~rides), np.flatnonzero(rides)
-        if self.loose.size:
-            L = mesh.laplacian("uniform", normalised=False)[self.loose]
-            self._solver, self._pull = SparseFactor(L[:, self.loose]), -L[:, self.rides]
-
-    def carry(self, vertices):
-        """The mesh on the moved carrier, exact at rest."""
-        V = self.binding.carry(vertices)
-        if self.loose.size:
-            moved = self._pull @ (V - self.rest)[self.rides]
-            V[self.loose] = self.rest[self.loose] + self._solver.solve(moved)
-        return V
+def _fitted(template, target, preset):
+    """Vertices of the template on the target, and the fit: skin to skin, other parts along."""
+    scan, _ = closed(target)
+    outer = skin_of(scan)
+    if not outer.all():
+        scan = scan.submesh(outer)
+    skin = skin_of(template)
+    if skin.all():
+        fit = fit_scan(template, scan, preset=preset)
+        return fit.mesh.vertices, fit
+    fit = fit_scan(template.submesh(skin), scan, preset=preset)
+    V, under = template.vertices.copy(), template.vertices[skin]
+    V[skin] = fit.mesh.vertices
+    tree = cKDTree(under)
+    for p in np.unique(template.pieces[~skin]):
+        part = template.pieces == p
+        near = np.unique(tree.query(template.vertices[part], k=min(20, len(under)))[1])
+        move = procrustes(under[near], fit.mesh.vertices[near], scale=True)
+        V[part] = move.apply(template.vertices[part])
+    return V, fit
 
 
 class IntermediateSpace:
@@ -209,6 +204,7 @@ class IntermediateSpace:
     def __init__(self, source, target, method="transfer", register=None, preset="close"):
         check_type(source, "source", BlendshapeRig, "of an actor, take actor_rig(...).linear()")
         check_type(target, "target", TriangleMesh, "give the neutral face as a mesh")
+        check_face_size(source.neutral.vertices, "source")
         check_face_size(target.vertices, "target")
         alike = _alike(source.neutral, target)
         if register is False and not alike:
@@ -216,10 +212,8 @@ class IntermediateSpace:
         self.source, self.target, self.preset = source, target, preset
         self.fit = None
         if register or not alike:
-            self.fit = fit_scan(source.neutral, target, preset=preset)
-        neutral = source.neutral.with_vertices(
-            self.fit.mesh.vertices if self.fit else target.vertices
-        )
+            V, self.fit = _fitted(source.neutral, target, preset)
+        neutral = source.neutral.with_vertices(V if self.fit else target.vertices)
         self.carrier = UnitCarrier(source.neutral, neutral, method)
         self.rig = BlendshapeRig(neutral, source.names, self.carrier.carry(source.deltas))
 
@@ -237,13 +231,13 @@ class IntermediateSpace:
     def _forth(self):
         """The target's own mesh, riding on the template."""
         target = self.target.with_vertices(self._to_head(self.target.vertices))
-        return _Rider(self.rig.neutral, target)
+        return Rider(self.rig.neutral, target)
 
     @cached_property
     def _back(self):
         """The template, riding on the target's own mesh."""
         target = self.target.with_vertices(self._to_head(self.target.vertices))
-        return _Rider(target, self.rig.neutral)
+        return Rider(target, self.rig.neutral, fade=None)
 
     def to_template(self, sketch, register=None):
         """A sketched expression of the target in the topology of the template.
@@ -268,7 +262,7 @@ class IntermediateSpace:
             For NaN, for vertices of another number without triangles, and as `fit_scan`.
         """
         if isinstance(sketch, TriangleMesh) and (register or not _alike(sketch, self.target)):
-            V = fit_scan(self.rig.neutral, sketch, preset=self.preset).mesh.vertices
+            V, _ = _fitted(self.rig.neutral, sketch, self.preset)
             # the landmarks alone take an open jaw for a nod
             return find_alignment(self.rig, V).apply(V)
         V = sketch_positions(sketch)
@@ -365,6 +359,7 @@ class SimplifiedRig:
 
     def __init__(self, rig, n_vertices=397, anchor_weight=0.5, weights="uniform"):
         check_type(rig, "rig", BlendshapeRig, "give units on the full mesh")
+        check_face_size(rig.neutral.vertices, "rig")
         self.samples, mesh = rig.neutral.subsample(n_vertices)
         self.rig = rig.on(self.samples, mesh)
         self._deformer = LaplacianDeformer(rig.neutral, self.samples, anchor_weight, weights)

@@ -239,6 +239,7 @@ def write_rig(path, rig):
         Its neutral with landmarks, shapes and identities; parts and source are not kept.
     """
     check_type(rig, "rig", BlendshapeRig, "give a rig")
+    check_face_size(rig.neutral.vertices, "rig")
     marks, people = rig.neutral.landmarks, rig.identities
     save_npz(
         path,

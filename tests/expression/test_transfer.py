@@ -5,12 +5,12 @@ from shapes import grid_mesh, sphere_mesh
 
 from data_synth.action_units import actor_rig
 from facelab.expression import prepare_units, regress_expression
+from facelab.expression.riding import Rider
 from facelab.expression.transfer import (
     METHODS,
     IntermediateSpace,
     SimplifiedRig,
     UnitCarrier,
-    _Rider,
 )
 from facelab.geometry.mesh import TriangleMesh
 
@@ -220,7 +220,7 @@ def test_what_is_near_the_other_lip_but_faces_away_does_not_follow_it():
     )
     swollen = sheet.vertices.copy()
     swollen[36:45, 2] = 1.5  # a row of the lower lip comes close to the upper
-    rider = _Rider(lips, sheet.with_vertices(swollen))
+    rider = Rider(lips, sheet.with_vertices(swollen))
     np.testing.assert_allclose(rider.carry(lips.vertices), swollen, atol=1e-12)
     opened = lips.vertices + np.repeat([[0, -8.0, 0], [0, 0, 9.0]], 81, axis=0)
     np.testing.assert_allclose(rider.carry(opened), swollen + [0, -8.0, 0], atol=1e-9)

@@ -1,0 +1,253 @@
+"""A head that rides on a template: skin with the skin, other parts rigidly, the rest fading out."""
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from facelab.geometry.alignment import Alignment, procrustes
+from facelab.geometry.binding import bind_to_surface
+from facelab.geometry.closest import closest_points
+from facelab.geometry.mesh import TriangleMesh
+from facelab.geometry.size import longest_side
+from facelab.geometry.welding import alike, rejoined, same_place
+from facelab.numeric.sparse import SparseFactor
+
+FADE = 60.0
+"""Millimetres along the surface over which motion fades out beyond what the template covers."""
+
+_PLACE = 1e-3  # mm: vertices so near to each other are two sides of a seam
+_FACE = 100.0  # mm: a piece with landmarks and so long is a face by itself
+_WORN = 0.8  # share of a piece near the skin that is worn on it: lashes, brows
+_JOINT = np.array([0.0, 55.0, -85.0])  # mm from the chin to the joint of the jaw, about
+
+
+def skin_of(mesh):
+    """Vertices of the skin: the pieces that hold landmarks, or all where those make no face.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Seams closed.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_vertices,)
+    """
+    marks = list(mesh.landmarks.values())
+    found = np.isin(mesh.pieces, mesh.pieces[marks])
+    if not found.any() or longest_side(mesh.vertices[found]) < _FACE:
+        return np.ones(mesh.n_vertices, dtype=bool)
+    return found
+
+
+def closed(mesh):
+    """The mesh with its seams closed, and its vertex for each vertex of this one.
+
+    Vertices in one place are joined unless they face away from each other, as the two sides of a
+    sheet do.
+
+    Returns
+    -------
+    mesh : TriangleMesh
+    index : ndarray of int, shape (n_vertices,)
+    """
+    V = mesh.vertices
+    place = same_place(V, min(_PLACE, 5e-6 * longest_side(V)))
+    if place.max() + 1 == len(V):
+        return mesh, np.arange(len(V))
+    # unit normals a right angle apart differ by at most 1 in each coordinate, opposed by more
+    index = alike(place, [mesh.normals], 1.0)
+    kept = np.unique(index, return_index=True)[1]
+    marks = {name: int(index[v]) for name, v in mesh.landmarks.items()}
+    return TriangleMesh(V[kept], rejoined(mesh.faces, index), marks), index
+
+
+class Rider:
+    """A mesh that rides on another, and keeps its lips and lids apart.
+
+    A vertex of the skin whose closest place on the carrier is far off or faces elsewhere (the
+    inside of a lip is close to the other lip) does not ride: it follows its own neighbours,
+    harmonically. Where the carrier has ended, that motion fades out along the surface, to nothing
+    at `fade` millimetres or at the rim. Vertices on two sides of a seam move alike.
+
+    Pieces that are not skin move rigidly: with the piece of the carrier in the same place, if
+    there is one (eyes, teeth); else a piece behind the lips with the jaw, if it lies below the
+    line of the mouth. What lies close on the skin all over (lashes) rides on it. All others stay.
+
+    Parameters
+    ----------
+    carrier, mesh : TriangleMesh
+        In the same place, millimetres; the carrier's landmarks tell its skin and its mouth.
+    far : float, default=5.0
+        Distance from the carrier up to which the mesh rides, millimetres.
+    fade : float or None
+        None: motion goes on unchanged beyond the carrier.
+    """
+
+    def __init__(self, carrier, mesh, far=5.0, fade=FADE):
+        self.rest = mesh.vertices
+        body, self._index = closed(mesh)
+        self._base, base_index = closed(carrier)
+        self._first = np.unique(base_index, return_index=True)[1]
+        skin = skin_of(self._base)
+        self._skin = np.flatnonzero(skin)
+        under = self._base if skin.all() else self._base.submesh(self._skin)
+        self.binding = bind_to_surface(under, body)
+        corners = under.faces[self.binding.faces]
+        normal = (self.binding.barycentric[..., None] * under.normals[corners]).sum(axis=1)
+        agrees = (normal * body.normals).sum(axis=1) > 0.5 * np.linalg.norm(normal, axis=1)
+        rides = agrees & (np.linalg.norm(self.binding.offsets, axis=1) < far)
+        own = _skin_pieces(body, rides, skin.all())
+        rides[own & ~np.isin(body.pieces, body.pieces[rides])] = True  # a piece that none would
+        self._body, self._own = body, own
+        self.rides, self.loose = np.flatnonzero(rides & own), np.flatnonzero(~rides & own)
+        if self.loose.size:
+            L = body.laplacian("uniform", normalised=False)[self.loose]
+            self._solver, self._pull = SparseFactor(L[:, self.loose]), -L[:, self.rides]
+            self._left = np.ones((len(self.loose), 1))
+            if fade is not None:
+                ended = _on_outline(under, self.binding)
+                self._left = _fading(body, self.loose, self.rides, ended, fade)[:, None]
+        self._parts = [
+            self._carried_by(np.flatnonzero(body.pieces == p), far)
+            for p in np.unique(body.pieces[~own])
+        ]
+
+    def carry(self, vertices):
+        """The mesh on the moved carrier, exact at rest."""
+        vertices = np.asarray(vertices)[self._first]
+        V, rest = self._body.vertices.copy(), self._body.vertices
+        moved = self.binding.carry(vertices[self._skin]) - rest
+        V[self.rides] += moved[self.rides]
+        if self.loose.size:
+            V[self.loose] += self._left * self._solver.solve(self._pull @ moved[self.rides])
+        for piece, move in self._parts:
+            V[piece] = move(rest[piece], vertices, V)
+        return self.rest + (V - rest)[self._index]
+
+    # --- what is not skin -------------------------------------------------------------------------
+
+    def _carried_by(self, piece, far):
+        """Vertices of a piece, and how they go: (at rest, moved carrier, moved skin) to places."""
+        V = self._body.vertices[piece]
+        twin = self._twin(V)
+        if twin is not None:
+            rest = self._base.vertices[twin]
+            return piece, lambda X, base, _: procrustes(rest, base[twin]).apply(X)
+        skin = self._body.submesh(self._own)
+        faces, weights = closest_points(skin, V)
+        foot = (weights[..., None] * skin.vertices[skin.faces[faces]]).sum(axis=1)
+        if not _is_ball(V) and (np.linalg.norm(foot - V, axis=1) < far).mean() > _WORN:
+            worn = bind_to_surface(skin, V)
+            return piece, lambda X, _, head: worn.carry(head[self._own])
+        share = self._share_of_jaw(V)
+        if share is not None:
+            return piece, lambda X, base, _: X + share * (self._jaw(base).apply(X) - X)
+        return piece, lambda X, *_: X
+
+    def _twin(self, V):
+        """Vertices of the piece of the carrier that is in the same place and as large, or None."""
+        others = np.setdiff1d(np.unique(self._base.pieces), self._base.pieces[self._skin])
+        size, middle = longest_side(V), _middle(V)
+        for p in others:
+            piece = np.flatnonzero(self._base.pieces == p)
+            there = self._base.vertices[piece]
+            near = np.linalg.norm(_middle(there) - middle) < 0.25 * size
+            if near and 0.6 < longest_side(there) / size < 1.6 and len(piece) > 3:
+                return piece
+        return None
+
+    def _share_of_jaw(self, V):
+        """How far what lies behind the lips goes with the jaw: 1, 0 to 1 for each, or None."""
+        marks = self._base.landmarks
+        if not {"chin", "mouth_corner_left", "mouth_corner_right"} <= set(marks):
+            return None
+        left, right = (self._base.vertices[marks[f"mouth_corner_{s}"]] for s in ("left", "right"))
+        x, y, z = _middle(V) - (left + right) / 2
+        if longest_side(V) > 110 or abs(x) > 35 or not (-80 < z < 20 and -40 < y < 30):
+            return None
+        # the line where the rows of teeth meet rises a little towards the back
+        above = (V - (left + right) / 2) @ [0, 1, 0.1] - 3.0
+        if np.ptp(above) < 35:  # a tooth, a row of teeth, a tongue
+            return 1.0 if np.median(above) < 0 else None
+        return np.clip(0.5 - above / 8, 0, 1)[:, None]  # gums, a lining: of both
+
+    def _jaw(self, base):
+        """Motion of the jaw, from that of the skin over the chin: it opens, and slides as a whole.
+
+        The skin may be drawn up over a closed jaw, so that is taken for none.
+        """
+        rest = self._base.vertices
+        chin = rest[self._base.landmarks["chin"]]
+        near = np.linalg.norm(rest - chin, axis=1) < 12.0
+        shift = (base - rest)[near].mean(axis=0)
+        joint = chin + _JOINT
+        before, after = chin - joint, chin + shift - joint
+        # about the axis from ear to ear: from one direction in the plane of y and z to the other
+        turn = np.arctan2(after[2], after[1]) - np.arctan2(before[2], before[1])
+        turn = max((turn + np.pi) % (2 * np.pi) - np.pi, 0.0) if shift[1] < 0 else 0.0
+        c, s = np.cos(turn), np.sin(turn)
+        R = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+        slide = shift - (R - np.eye(3)) @ before
+        slide[1] = 0
+        return Alignment(R, joint - R @ joint + slide)
+
+
+def _is_ball(V):
+    """Whether a piece is an eyeball: its vertices lie about a sphere of that size."""
+    if len(V) < 12:
+        return False
+    # |v|^2 = 2 c . v + (r^2 - |c|^2) is linear in the centre c and the last bracket
+    mean = V.mean(axis=0)
+    A = np.c_[2 * (V - mean), np.ones(len(V))]
+    c, square = np.split(np.linalg.lstsq(A, ((V - mean) ** 2).sum(axis=1), rcond=None)[0], [3])
+    radius = np.sqrt(max(float(square[0] + c @ c), 0.0))
+    off = np.linalg.norm(V - mean - c, axis=1) - radius
+    round_about = np.ptp(V, axis=0).min() > 1.2 * radius  # more than a cap, as a lid is
+    return bool(5 < radius < 30 and round_about and np.sqrt((off**2).mean()) < 0.12 * radius)
+
+
+def _middle(V):
+    return (V.min(axis=0) + V.max(axis=0)) / 2
+
+
+def _skin_pieces(body, rides, whole):
+    """Vertices of the pieces that are skin: those with landmarks, and those that mostly ride."""
+    share = np.bincount(body.pieces, rides) / np.bincount(body.pieces)
+    found = (share > 0.5)[body.pieces]
+    marked = skin_of(body)
+    if not marked.all():
+        found |= marked
+    if not found.any() or (whole and longest_side(body.vertices[found]) < _FACE):
+        found[:] = True  # no face: toys, single patches
+    return found
+
+
+def _on_outline(carrier, binding):
+    """Points whose foot is on the outer border of the carrier: bool."""
+    loops = carrier.boundary_loops
+    on = np.zeros(carrier.n_vertices, dtype=bool)
+    if loops:
+        on[max(loops, key=lambda loop: np.ptp(carrier.vertices[loop], axis=0).sum())] = True
+    corners = carrier.faces[binding.faces]
+    return ((binding.barycentric > 1e-6) <= on[corners]).all(axis=1)
+
+
+def _fading(body, loose, rides, ended, fade):
+    """What is left of the motion at each loose vertex: 1 inside, less and less beyond the end."""
+    left = np.ones(body.n_vertices)
+    among = body.adjacency[loose][:, loose]
+    group = connected_components(among, directed=False)[1]
+    outside = loose[np.isin(group, group[ended[loose]])]
+    if not outside.size:
+        return left[loose]
+    beyond = np.zeros(body.n_vertices, dtype=bool)
+    beyond[outside] = True
+    away = dijkstra(body.adjacency, directed=False, indices=rides, min_only=True)
+    still = beyond & (away >= fade)
+    for loop in body.boundary_loops:
+        still[loop] |= beyond[loop]
+    if still.any():
+        to = dijkstra(body.adjacency, directed=False, indices=np.flatnonzero(still), min_only=True)
+        t = away[outside] / np.maximum(away[outside] + to[outside], 1e-9)
+        left[outside] = 1 - t * t * (3 - 2 * t)
+    return left[loose]
