@@ -7,6 +7,7 @@ fewer markers there are. But skin moves smoothly in time, and a stray one jumps:
 import numpy as np
 from scipy.spatial import cKDTree
 
+from facelab.geometry.alignment import rigid_motion
 from facelab.registration.layout import MarkerLayout
 
 _LEAST = 4.0  # mm; no jump is smaller: five times what noise of 0.3 mm an axis makes in one frame
@@ -100,6 +101,8 @@ class StrayJudge:
         Displacements of the take, head frame, mm.
     seen : ndarray of bool, shape (n_frames, n_markers)
     fps : float
+    weights : ndarray of shape (n_markers,)
+        How rigidly each marker moves with the head.
     limit : float or None
         A marker farther than this from where the others lead it strays, mm; None for the distance
         of its neighbours, 8 mm or more.
@@ -110,8 +113,8 @@ class StrayJudge:
         The smallest change from one frame to the next that is a jump, mm.
     """
 
-    def __init__(self, layout: MarkerLayout, moved, seen, fps, limit=None):
-        self.layout, self.fps = layout, fps
+    def __init__(self, layout: MarkerLayout, moved, seen, fps, weights, limit=None):
+        self.layout, self.fps, self.weights = layout, fps, weights
         gap = spacing(layout.fit.rest)
         self.limit = np.full(len(gap), limit) if limit else np.maximum(8.0, gap)
         n_frames, n_markers = seen.shape
@@ -168,15 +171,36 @@ class StrayJudge:
         e = self.layout.left_out(full)
         e[np.isnan(moved)] = np.nan
         stray = self._jumped(moved, e)
-        moved[stray] = np.nan
-        off = _size(e)
-        # the neighbours of one that strayed were judged by it
-        frames = np.flatnonzero((off > self.limit).any(axis=1) | stray.any(axis=1))
+        if stray.any():
+            # they moved the head, and what their neighbours are judged by: once more without them
+            d = moved.copy()
+            self._without(stray, d, e)
+            stray = self._jumped(d, e)
+            moved[stray] = np.nan
+        frames = np.flatnonzero((_size(e) > self.limit).any(axis=1) | stray.any(axis=1))
         if frames.size:
             part = moved[frames]
             stray[frames] |= self._beyond(part)
             moved[frames] = part
         return stray, full
+
+    def _without(self, stray, d, e):
+        """Displacements and distances from where the others lead, had some never been there.
+
+        Both are changed in place, in the frames where there are some.
+        """
+        frames = np.flatnonzero(stray.any(axis=1))
+        rest = self.layout.fit.rest
+        moved, out = d[frames] + rest, stray[frames]
+        without = np.where(out[..., None], np.nan, moved)
+        motion = rigid_motion(without, rest, self.weights, robust=True)
+        frames, moved, without = (a[motion.valid] for a in (frames, moved, without))
+        motion = rigid_motion(without, rest, self.weights, robust=True)
+        moved, without = motion.to_head(moved) - rest, motion.to_head(without) - rest
+        full = self.layout.filled(without)
+        apart = np.where(np.isfinite(without), self.layout.left_out(full), moved - full)
+        d[frames] = moved
+        e[frames] = np.where(np.isfinite(moved), apart, np.nan)
 
     def _jumped(self, d, e):
         """Stretches of each track that jump away and back: mask."""

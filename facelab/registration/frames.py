@@ -28,6 +28,8 @@ FEW, LINE, POINT, MIRRORED, SIZE, PLACES, STRAYS = range(1, 8)
 
 _SIZE = 0.12  # of the logarithm; jaw fully open, the rigid parts of a face change by 0.03
 _FAR = 4.0  # face radii from the middle of the frame: no marker of it, not even a stray one
+_ANYWHERE = 1e8  # mm from the origin; no capture volume is that large
+_TRUE = 0.97  # of the samples of each marker, by which its rigidity is judged
 _SAMPLE = 400  # frames that a take is learned from
 
 
@@ -84,17 +86,23 @@ class FrameJudge:
         off = np.linalg.norm(motion.to_head(some[good]) - rest, axis=2)
         seen = np.isfinite(off)
         near = seen & (off < 0.15 * self.radius)
-        good[good] = motion.valid & (2 * near.sum(axis=1) > seen.sum(axis=1))
-        if not good.any():
+        alike = motion.valid & (2 * near.sum(axis=1) > seen.sum(axis=1))
+        if not alike.any():
             _refuse(given, rest, n_frames)
-        self.weights = rigid_weights(some[good], rest)
+        some, off = some[good][alike], off[alike]
+        # strays must not make a marker look loose
+        beyond = off > self._most(off, _TRUE)
+        self.weights = rigid_weights(np.where(beyond[..., None], np.nan, some), rest)
         self._choose_pairs(self.weights)
-        motion = rigid_motion(some[good], rest, self.weights, robust=True)
-        off = np.linalg.norm(motion.to_head(some[good]) - rest, axis=2)
-        off = np.where(np.isfinite(off), off, np.nan)
-        shown = np.isfinite(off).any(axis=0)
-        self.usual = np.full(len(rest), self.radius)
-        self.usual[shown] = np.nanquantile(off[:, shown], 0.95, axis=0)
+        motion = rigid_motion(some, rest, self.weights, robust=True)
+        self.usual = self._most(np.linalg.norm(motion.to_head(some) - rest, axis=2), 0.95)
+
+    def _most(self, off, share):
+        """The distance below which each marker is in so many frames; a face's if never seen."""
+        known = np.isfinite(off).any(axis=0)
+        most = np.full(off.shape[1], self.radius)
+        most[known] = np.nanquantile(off[:, known], share, axis=0)
+        return most
 
     def _choose_pairs(self, weights, most=150):
         """Pairs of the most rigid markers, far enough apart to tell the size of a frame."""
@@ -121,7 +129,7 @@ class FrameJudge:
         centre = np.take_along_axis(ordered, middle[:, None, None], axis=1)
         with np.errstate(over="ignore"):  # of two numbers near the largest there is
             off = np.abs(positions - centre).max(axis=2)
-        far = off > _FAR * self.radius  # not where NaN
+            far = (off > _FAR * self.radius) | (np.abs(positions).max(axis=2) > _ANYWHERE)
         return np.where(far[..., None], np.nan, positions), far, off[far]
 
     def judge(self, positions):
@@ -147,9 +155,9 @@ class FrameJudge:
         out = 2 * (share * beyond).sum(axis=1) > share.sum(axis=1)
         why = np.zeros(len(near), dtype=np.int8)
         amount = np.zeros(len(near))
-        why[~motion.valid] = LINE
-        why[count < 3] = FEW
         scattered = 3 * far.sum(axis=1) > count
+        why[~motion.valid & ~scattered] = LINE
+        why[count < 3] = FEW
         suspect = (why != FEW) & (out | scattered | self._resized(near) | (why == LINE))
         for frame in np.flatnonzero(suspect):
             given = positions if scattered[frame] else near

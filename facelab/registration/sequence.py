@@ -81,7 +81,7 @@ class Registration:
         if self.share_rejected > 0:
             thrown = f"{100 * self.share_rejected:.2g} % of the samples thrown away"
         if len(self.rejected):
-            thrown += f", the strays {self.rms_rejected:.1f} mm off"
+            thrown += f", the strays {self.rms_rejected:.3g} mm off"
         return (
             f"Registration({len(self.valid)} frames, {int((~self.valid).sum())} lost, "
             f"{len(self.fit.names)} markers; {counts}; rms {self.rms:.2f} mm of what was believed, "
@@ -340,7 +340,8 @@ class _Take:
 
     def learn(self, fps, limit):
         """How the markers of this take move."""
-        self.strayed = StrayJudge(self.fit.layout, self.full, self.seen, fps, limit)
+        weights = self.judge.weights
+        self.strayed = StrayJudge(self.fit.layout, self.full, self.seen, fps, weights, limit)
 
     def settle(self, part):
         """Strays left out, the head found once more where markers changed, hidden ones filled."""
