@@ -1,38 +1,42 @@
 """A whole take of markers carried to the dense face (Tena et al. 2011, section 4.1).
 
 With the layout of the markers known, every frame is a linear map: the head's motion is taken away,
-exchanged and stray markers are put right, hidden ones filled, and dense frames made on demand.
+frames that are none of this face are left out, exchanged and stray markers put right, hidden ones
+filled, and dense frames made on demand.
 """
 
+from collections import Counter
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+from tqdm.auto import tqdm
 
 from facelab.checks import check_choice, check_number
-from facelab.geometry.alignment import (
-    HeadMotion,
-    check_like,
-    procrustes,
-    rigid_motion,
-    rigid_weights,
-)
+from facelab.geometry.alignment import HeadMotion, rigid_motion
 from facelab.motion import MotionSequence
+from facelab.registration.faults import StrayJudge, find_swaps, runs
 from facelab.registration.fit import MarkerFit
+from facelab.registration.frames import FEW, REASONS, STRAYS, FrameJudge
+from facelab.storage import atomic_path
 
 _BLOCK = 1024  # frames worked on at a time
 
 
 class Fault(NamedTuple):
-    """Something wrong with markers in the frames first to stop - 1."""
+    """Something wrong in the frames first to stop - 1."""
 
     kind: str
-    """"swap", "ghost", "stray" (away from where the others lead it) or "gap" (a long one)."""
+    """"frame" (not believed as a whole), or of markers: "swap", "ghost", "stray" (away from where
+    the others lead it) or "gap" (a long one)."""
     first: int
     stop: int
     names: tuple
+    """Of the markers; none for a frame."""
+    reason: str = ""
+    """Why a frame is not believed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,13 +50,17 @@ class Registration:
     head : HeadMotion
         From the head frame to the capture frame.
     displacements : ndarray of shape (n_frames, n_markers, 3)
-        Of the markers from rest, head frame, all filled, millimetres.
+        Of the markers from rest, head frame, all filled, millimetres; float32.
     seen : ndarray of bool, shape (n_frames, n_markers)
         Measured and believed.
     valid : ndarray of bool, shape (n_frames,)
     faults : tuple of Fault
     missing : tuple of str
         Markers of the layout that the take does not name.
+    n_samples : int
+        Places of markers of the layout that the take holds, right or wrong.
+    rejected : ndarray of shape (n_strays,)
+        How far each stray sample lay from where the others lead it, millimetres.
     """
 
     fit: MarkerFit
@@ -63,40 +71,92 @@ class Registration:
     valid: np.ndarray = field(repr=False)
     faults: tuple = field(repr=False)
     missing: tuple = ()
+    n_samples: int = 0
+    rejected: np.ndarray = field(default=(), repr=False)
 
     def __repr__(self):
-        kinds = [f.kind for f in self.faults]
-        counts = ", ".join(f"{kinds.count(k)} {k}s" for k in ("swap", "ghost", "stray", "gap"))
+        kinds = Counter(f.kind for f in self.faults)
+        counts = ", ".join(f"{kinds[k]} {k}s" for k in ("swap", "ghost", "stray", "gap"))
+        thrown = "nothing thrown away"
+        if self.share_rejected > 0:
+            thrown = f"{100 * self.share_rejected:.2g} % of the samples thrown away"
+        if len(self.rejected):
+            thrown += f", the strays {self.rms_rejected:.3g} mm off"
         return (
             f"Registration({len(self.valid)} frames, {int((~self.valid).sum())} lost, "
-            f"{len(self.fit.names)} markers; {counts}; rms {self.rms:.2f} mm)"
+            f"{len(self.fit.names)} markers; {counts}; rms {self.rms:.2f} mm of what was believed, "
+            f"{thrown})"
         )
+
+    @property
+    def report(self):
+        """What was believed and what was thrown away, and why, in words: str."""
+        frames = [f for f in self.faults if f.kind == "frame"]
+        lines = [repr(self)]
+        if frames:
+            lines.append(f"frames not believed: {_places(frames, lambda f: f' ({f.reason})')}")
+        for kind, said in (("stray", "strayed, not believed"), ("swap", "exchanged, put back")):
+            found = {}
+            for fault in self.faults:
+                if fault.kind == kind:
+                    found.setdefault(fault.names, []).append(fault)
+            for names, faults in found.items():
+                lines.append(f"{' and '.join(names)} {said}: frame {_places(faults)}")
+        return "\n".join(lines)
 
     @cached_property
     def _left(self):
-        """Distance of the seen markers from the fitted surface's, NaN elsewhere: mm."""
-        left = np.empty(self.seen.shape)
-        for first in range(0, len(left), _BLOCK):
-            moved = self.displacements[first : first + _BLOCK]
+        """Squared distance of the seen markers from the fitted surface's, mm^2.
+
+        Sums and counts over frames, per marker, and over markers, per frame.
+        """
+        n_frames, n_markers = self.seen.shape
+        markers, frames = np.zeros((2, n_markers)), np.zeros((2, n_frames))
+        for first in range(0, n_frames, _BLOCK):
+            part = slice(first, first + _BLOCK)
+            moved = self.displacements[part].astype(float)
             off = moved - np.matmul(self.fit.layout.smooth, moved)
-            left[first : first + _BLOCK] = np.linalg.norm(off, axis=2)
-        left[~self.seen | ~self.valid[:, None]] = np.nan
-        return left
+            square = np.where(self.seen[part], np.einsum("fmx,fmx->fm", off, off), 0.0)
+            markers += square.sum(axis=0), self.seen[part].sum(axis=0)
+            frames[:, part] = square.sum(axis=1), self.seen[part].sum(axis=1)
+        return markers, frames
 
     @property
     def rms(self):
-        """Root mean squared distance of the markers that were seen, millimetres."""
-        return float(_rms(self._left.ravel(), 0))
+        """Root mean squared distance of the markers that were believed, millimetres.
+
+        It says nothing of those that were not: see `share_rejected` and `rms_rejected`.
+        """
+        return float(_root_mean(*self._left[0].sum(axis=1)))
 
     @property
     def rms_per_marker(self):
-        """The same for each marker, shape (n_markers,); NaN for one never seen."""
-        return _rms(self._left, 0)
+        """The same for each marker, shape (n_markers,); NaN for one never believed."""
+        return _root_mean(*self._left[0])
 
     @property
     def rms_per_frame(self):
         """The same for each frame, shape (n_frames,); NaN in lost frames."""
-        return _rms(self._left, 1)
+        return _root_mean(*self._left[1])
+
+    @property
+    def share_rejected(self):
+        """Of the markers' places in the take, how many were thrown away: 0 to 1.
+
+        Strays, and all markers of frames that are not believed.
+        """
+        return float(1 - self.seen.sum() / self.n_samples) if self.n_samples else 0.0
+
+    @property
+    def rms_rejected(self):
+        """How far strays lay from where the others lead them, RMS, millimetres; NaN for none.
+
+        Markers of frames that are not believed as a whole have no such place and do not count.
+        """
+        if not len(self.rejected):
+            return float("nan")
+        largest = self.rejected.max()  # whose square may be beyond all numbers
+        return float(largest * np.sqrt(((self.rejected / largest) ** 2).mean()))
 
     @cached_property
     def left_out_per_marker(self):
@@ -120,7 +180,7 @@ class Registration:
         near = near / np.maximum(near.sum(axis=1, keepdims=True), 1e-12)
         return np.sqrt(3) * layout.spread() * np.sqrt(near @ ratio[known] ** 2)
 
-    def positions(self, frames=None, vertices=None, block=256):
+    def positions(self, frames=None, vertices=None, block=256, out=None, progress=False):
         """Dense positions of some frames, head frame: float32, shape (n_frames, n, 3), mm.
 
         Parameters
@@ -131,23 +191,56 @@ class Registration:
             Vertices of the mesh; all if left out.
         block : int, default=256
             Frames worked on at a time.
+        out : ndarray, or str or Path, optional
+            Where they go: an array of that shape, or a new file of NumPy's (`.npy`), of which a
+            memory map is returned. A take of ten minutes, dense, is 7.6 GB: larger than the
+            memory of many machines. The file is written whole or not at all.
+        progress : bool, default=False
+            Show a progress bar.
+
+        Raises
+        ------
+        ValueError, TypeError, FileNotFoundError, PermissionError
+            For an array of another shape, or a path that no file can be written to.
         """
         frames = slice(None) if frames is None else frames
         vertices = slice(None) if vertices is None else np.asarray(vertices)
-        moved = self.displacements[frames]
+        moved, valid = self.displacements[frames], self.valid[frames]
         carry = self.fit.layout.carry[vertices].T.astype(np.float32)
         rest = self.fit.mesh.vertices[vertices].astype(np.float32)
-        out = np.empty((len(moved), len(rest), 3), dtype=np.float32)
-        for first in range(0, len(moved), block):
-            part = np.ascontiguousarray(np.swapaxes(moved[first : first + block], 1, 2))
-            part = part.astype(np.float32).reshape(-1, part.shape[2]) @ carry
-            np.add(
-                part.reshape(-1, 3, len(rest)).transpose(0, 2, 1), rest, out[first : first + block]
+        shape = (len(moved), len(rest), 3)
+
+        def fill(out):
+            bar = tqdm(
+                total=len(moved), desc="dense frames", unit="frame", leave=False,
+                disable=not progress, delay=1,
+            )  # fmt: skip
+            with bar:
+                for first in range(0, len(moved), block):
+                    part = moved[first : first + block]
+                    done = out[first : first + block]
+                    part = np.ascontiguousarray(np.swapaxes(part, 1, 2), dtype=np.float32)
+                    part = (part.reshape(-1, part.shape[2]) @ carry).reshape(-1, 3, len(rest))
+                    np.add(part.transpose(0, 2, 1), rest, out=done)
+                    done[~valid[first : first + block]] = np.nan
+                    bar.update(len(done))
+
+        if isinstance(out, (str, Path)):
+            with atomic_path(out) as path:
+                fill(np.lib.format.open_memmap(path, "w+", np.float32, shape))
+            return np.load(out, mmap_mode="r")
+        if out is None:
+            out = np.empty(shape, dtype=np.float32)
+        elif not isinstance(out, np.ndarray):
+            raise TypeError(f"out is a {type(out).__name__}; give an array or the path of a file.")
+        elif out.shape != shape or out.dtype.kind != "f":
+            raise ValueError(
+                f"out has shape {out.shape} and type {out.dtype}, but needs {shape} of float32."
             )
-        out[~self.valid[frames]] = np.nan
+        fill(out)
         return out
 
-    def motion(self, vertices=None, mesh=None):
+    def motion(self, vertices=None, mesh=None, out=None, progress=False):
         """The whole take on some vertices: MotionSequence.
 
         Parameters
@@ -156,6 +249,8 @@ class Registration:
             For instance those of `fit.mesh.subsample(397)`; all if left out.
         mesh : TriangleMesh, optional
             The triangles of those vertices, as `subsample` gives them.
+        out, progress
+            See `positions`.
         """
         if (vertices is None) != (mesh is None):
             raise ValueError("give vertices together with their mesh, as subsample returns them.")
@@ -163,81 +258,18 @@ class Registration:
             neutral = self.fit.mesh
         else:
             neutral = mesh.with_vertices(self.fit.mesh.vertices[np.asarray(vertices)])
-        return MotionSequence(self.positions(None, vertices), self.fps, neutral, self.valid)
+        made = self.positions(None, vertices, out=out, progress=progress)
+        return MotionSequence(made, self.fps, neutral, self.valid)
 
 
-def _rms(values, axis):
-    square = np.nan_to_num(values) ** 2
-    count = np.isfinite(values).sum(axis=axis)
-    return np.sqrt(np.where(count, square.sum(axis=axis) / np.maximum(count, 1), np.nan))
+def _root_mean(total, count):
+    return np.sqrt(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
-def _runs(mask):
-    """First and stop frame of each run of True, marker by marker: (marker, first, stop)."""
-    edge = np.zeros((1, mask.shape[1]), dtype=int)
-    step = np.diff(np.concatenate([edge, mask.astype(int), edge]), axis=0)
-    marker, first = np.nonzero(step.T == 1)
-    stop = np.nonzero(step.T == -1)[1]
-    return list(zip(marker.tolist(), first.tolist(), stop.tolist(), strict=True))
-
-
-def _find_swaps(layout, moved):
-    """Pairs whose direction is reversed and that fit better exchanged: mask per pair, repaired.
-
-    Neighbours on the skin come closer and turn, but do not change sides. Works on `moved` in
-    place; gives a dict from pair to the frames in which it was exchanged.
-    """
-    rest = layout.fit.rest
-    pairs = cKDTree(rest).query_pairs(25.0, output_type="ndarray")
-    if len(pairs) == 0:
-        return {}
-    apart = rest[pairs[:, 0]] - rest[pairs[:, 1]]
-    size = (apart**2).sum(axis=1)
-    along = np.zeros((len(moved), len(pairs)))
-    for axis in range(3):
-        change = moved[..., axis]
-        along += (change[:, pairs[:, 0]] - change[:, pairs[:, 1]]) * apart[:, axis]
-    reversed_ = along < -1.3 * size  # never where one of them is NaN
-    found = {}
-    for frame in np.flatnonzero(reversed_.any(axis=1)):
-        waiting = []
-        for i, j in pairs[reversed_[frame]].tolist():
-            without = moved[frame : frame + 1].copy()
-            without[:, [i, j]] = np.nan
-            led = layout.filled(without)[0, [i, j]] + rest[[i, j]]
-            here = moved[frame, [i, j]] + rest[[i, j]]
-            as_is, exchanged = ((here - led) ** 2).sum(), ((here[::-1] - led) ** 2).sum()
-            if exchanged < 0.25 * as_is:
-                waiting.append((exchanged / as_is, i, j))
-        busy = set()
-        for _, i, j in sorted(waiting):
-            if not busy & {i, j}:
-                busy |= {i, j}
-                moved[frame, [i, j]] = (moved[frame, [i, j]] + rest[[i, j]])[::-1] - rest[[i, j]]
-                found.setdefault((i, j), []).append(frame)
-    return found
-
-
-def _find_strays(layout, moved, limit, rounds=4):
-    """Markers farther than `limit` from where the others lead them: mask; `moved` gets NaN.
-
-    The worst of a neighbourhood goes first: it spoils what its neighbours are judged by.
-    """
-    near = [np.array(n) for n in cKDTree(layout.fit.rest).query_ball_point(layout.fit.rest, 30.0)]
-    stray = np.zeros(moved.shape[:2], dtype=bool)
-    frames = np.arange(len(moved))
-    for _ in range(rounds):
-        off = np.linalg.norm(layout.left_out(layout.filled(moved[frames])), axis=2)
-        off[~np.isfinite(moved[frames][..., 0])] = 0
-        bad = off > limit
-        for f, m in np.argwhere(bad):
-            bad[f, m] = off[f, m] >= off[f, near[m]].max()
-        stray[frames] |= bad
-        moved[stray] = np.nan
-        frames = frames[bad.any(axis=1)]
-        if not frames.size:
-            break
-    return stray
+def _places(faults, what=lambda fault: "", most=8):
+    """The frames of some faults, in words."""
+    said = [f"{f.first}" + f" to {f.stop - 1}" * (f.stop - f.first > 1) + what(f) for f in faults]
+    return ", ".join(said[:most]) + f" and {len(said) - most} more" * (len(said) > most)
 
 
 def _bridge(layout, full, seen, longest):
@@ -247,49 +279,163 @@ def _bridge(layout, full, seen, longest):
     def apart(frame, marker):
         return (full[frame, marker] - layout.smooth[marker] @ full[frame]) / own[marker]
 
-    gaps = [g for g in _runs(~seen) if g[2] - g[1] <= longest and g[1] > 0 and g[2] < len(seen)]
+    gaps = [g for g in runs(~seen) if g[2] - g[1] <= longest and g[1] > 0 and g[2] < len(seen)]
     ends = [(apart(first - 1, m), apart(stop, m)) for m, first, stop in gaps]
     for (marker, first, stop), (before, after) in zip(gaps, ends, strict=True):
         t = (np.arange(first, stop) - first + 1)[:, None] / (stop - first + 1)
         full[first:stop, marker] += (1 - t) * before + t * after
 
 
-def _block(layout, positions, weights, head, limit):
-    """Some frames registered: head motion, filled displacements, seen, swaps, strays."""
-    rest = layout.fit.rest
-    motion = rigid_motion(positions, rest, weights, robust=True)
-    moved = motion.to_head(positions) - rest
-    swaps = _find_swaps(layout, moved)
-    stray = _find_strays(layout, moved, limit)
-    # back to the capture, put right, and the head once more
-    positions = motion.to_capture(moved + rest)
-    if head == "rigid":
-        motion = rigid_motion(positions, rest, weights, robust=True)
-    else:
-        motion = rigid_motion(positions, rest)
-    moved = motion.to_head(positions) - rest
-    return motion, layout.filled(moved), np.isfinite(moved[..., 0]), swaps, stray
+class _Take:
+    """A take on its way: read, judged and filled in blocks, so that little of it is held at once.
+
+    What is kept whole is what the result needs; positions are float64 only within a block.
+    """
+
+    def __init__(self, fit, markers):
+        column = {name: i for i, name in enumerate(markers.names)}
+        self.fit, self.markers = fit, markers
+        self.missing = tuple(n for n in fit.names if n not in column)
+        self._here = np.array([i for i, n in enumerate(fit.names) if n in column])
+        self._there = np.array([column[fit.names[i]] for i in self._here])
+        n_frames, n_markers = markers.n_frames, len(fit.names)
+        self.judge = FrameJudge(fit.rest, self.positions, n_frames)
+        self.full = np.zeros((n_frames, n_markers, 3), dtype=np.float32)
+        self.seen = np.zeros((n_frames, n_markers), dtype=bool)
+        self.rotation = np.full((n_frames, 3, 3), np.nan)
+        self.translation = np.full((n_frames, 3), np.nan)
+        self.rms = np.full(n_frames, np.nan)
+        self.why = np.zeros(n_frames, dtype=np.int8)
+        self.amount = np.zeros(n_frames)
+        self.swapped = np.zeros(n_frames, dtype=bool)
+        self.n_samples = 0
+        self.swaps, self.strays, self.rejected = {}, [], []
+
+    def positions(self, frames):
+        """Some frames in the order of the layout: float64, NaN where not seen."""
+        given = self.markers.positions[frames]
+        out = np.full((len(given), len(self.fit.names), 3), np.nan)
+        out[:, self._here] = given[:, self._there]
+        return out
+
+    def align(self, part):
+        """Head motion, judged frame by frame, and exchanged markers put back."""
+        positions = self.positions(part)
+        self.n_samples += int(np.isfinite(positions[..., 0]).sum())
+        found = self.judge.judge(positions)
+        pairs = find_swaps(self.fit.layout, found.moved)
+        for pair, frames in pairs.items():
+            self.swaps.setdefault(pair, []).extend(part.start + f for f in frames)
+        self.seen[part] = np.isfinite(found.moved[..., 0])
+        self.full[part] = found.moved
+        self._keep_head(part, found.head)
+        self.why[part], self.amount[part] = found.why, found.amount
+        self._note_strays(part.start, found.far, found.distance)
+        for frames in pairs.values():  # the head was found with their names exchanged
+            self.swapped[part.start + np.array(frames)] = True
+
+    def _note_strays(self, first, mask, distance):
+        self.strays.append(np.argwhere(mask) + [first, 0])
+        self.rejected.append(distance)
+
+    def learn(self, fps, limit):
+        """How the markers of this take move."""
+        weights = self.judge.weights
+        self.strayed = StrayJudge(self.fit.layout, self.full, self.seen, fps, weights, limit)
+
+    def settle(self, part):
+        """Strays left out, the head found once more where markers changed, hidden ones filled."""
+        first, stop = max(0, part.start - self.strayed.margin), part.stop + self.strayed.margin
+        wide = slice(first, stop)
+        core = slice(part.start - first, part.stop - first)
+        moved = np.where(self.seen[wide, :, None], self.full[wide], np.nan).astype(float)
+        before = moved[core].copy()
+        stray, full = self.strayed.find(moved)
+        stray, full, moved = stray[core], full[core], moved[core]
+        count = np.isfinite(before[..., 0]).sum(axis=1)
+        many = (3 * stray.sum(axis=1) > count) & (count > 0)
+        self._refuse_frames(part, many, STRAYS, 100 * stray.sum(axis=1) / np.maximum(count, 1))
+        stray[many] = False
+        changed = (stray.any(axis=1) | self.swapped[part]) & (self.why[part] == 0)
+        if changed.any():
+            at = part.start + np.flatnonzero(changed)
+            moved[changed], few = self._realign(at, moved[changed], self.judge.weights)
+            full[changed] = self.fit.layout.filled(moved[changed])
+        self._note_strays(part.start, stray, np.linalg.norm((before - full)[stray], axis=1))
+        self.full[part], self.seen[part] = full, np.isfinite(moved[..., 0])
+        if changed.any():
+            self._refuse_frames(at, few, FEW, 0)
+        lost = self.why[part] > 0
+        self.seen[part][lost], self.full[part][lost] = False, 0.0
+
+    def settle_whole(self, part):
+        """The head found anew, from all markers alike."""
+        moved = np.where(self.seen[part, :, None], self.full[part], np.nan).astype(float)
+        kept = part.start + np.flatnonzero(self.why[part] == 0)
+        moved, _ = self._realign(kept, moved[kept - part.start], None)
+        self.full[kept] = self.fit.layout.filled(moved)
+
+    def _realign(self, frames, moved, weights):
+        """Displacements of some frames with their head found anew, and which have too little."""
+        rest = self.fit.rest
+        motion = rigid_motion(moved + rest, rest, weights, robust=weights is not None)
+        turn = self.rotation[frames]  # first by what is new, then by what was
+        self.translation[frames] += np.matmul(turn, motion.translation[..., None])[..., 0]
+        self.rotation[frames] = np.matmul(turn, motion.rotation)
+        self.rms[frames] = motion.rms
+        return motion.to_head(moved + rest) - rest, ~motion.valid
+
+    def _refuse_frames(self, frames, mask, reason, amount):
+        """Frames that are not believed after all."""
+        at = np.arange(self.markers.n_frames)[frames][mask]
+        self.why[at] = reason
+        self.amount[at] = np.broadcast_to(amount, mask.shape)[mask]
+        for part in (self.rotation, self.translation, self.rms):
+            part[at] = np.nan
+
+    def head(self):
+        """The motion of the head: HeadMotion."""
+        shares = self.judge.weights
+        return HeadMotion(self.rotation, self.translation, self.rms, self.why == 0, shares)
+
+    def faults(self, longest):
+        """All that was wrong, by frame: tuple of Fault."""
+        names, found = self.fit.names, []
+        for pair, frames in self.swaps.items():
+            both = tuple(names[i] for i in pair)
+            found += [Fault("swap", a, b, both) for a, b in _stretches(np.array(frames))]
+        stray = np.concatenate(self.strays)
+        for marker in np.unique(stray[:, 1]).tolist():
+            frames = np.sort(stray[stray[:, 1] == marker, 0])
+            found += [Fault("stray", a, b, (names[marker],)) for a, b in _stretches(frames)]
+        for kind in np.unique(self.why[self.why > 0]).tolist():
+            for a, b in _stretches(np.flatnonzero(self.why == kind)):
+                said = REASONS[kind].format(float(np.median(self.amount[a:b])))
+                found.append(Fault("frame", a, b, (), said))
+        hidden = ~self.seen & (self.why == 0)[:, None]
+        hidden[stray[:, 0], stray[:, 1]] = False
+        for marker, a, b in runs(hidden):
+            if b - a > longest:
+                found.append(Fault("gap", a, b, (names[marker],)))
+        known = set(names)
+        extra = [i for i, name in enumerate(self.markers.names) if name not in known]
+        for i, a, b in runs(self.markers.visible[:, extra]):
+            found.append(Fault("ghost", a, b, (self.markers.names[extra[i]],)))
+        return tuple(sorted(found, key=lambda f: (f.first, f.kind, f.names)))
+
+    def _keep_head(self, frames, motion):
+        self.rotation[frames] = motion.rotation
+        self.translation[frames] = motion.translation
+        self.rms[frames] = motion.rms
 
 
-def _check_take(fit, positions):
-    """Refuse a take that is mirrored, in other units, of another layout, or without a frame."""
-    best = positions[np.isfinite(positions[..., 0]).sum(axis=1).argmax()]
-    if not rigid_motion(1e6 * best[None], fit.rest).valid[0]:  # whatever the unit
-        raise ValueError(
-            f"none of the {len(positions)} frames has three markers that are not on one line; "
-            "check that the take shows this layout."
-        )
-    likeness = procrustes(best, fit.rest, scale=True)
-    spread = np.sqrt(fit.rest.var(axis=0).sum())
-    if likeness.rms > 0.3 * spread and not likeness.mirrored:
-        raise ValueError(
-            f"the markers of the take lie {likeness.rms:.0f} mm from their places at rest, so they "
-            "are named by another layout; fit the neutral of the same actor and session."
-        )
-    check_like(likeness, "the take")
+def _stretches(frames):
+    """First and stop of each stretch of frame numbers that follow one another."""
+    edges = np.flatnonzero(np.diff(frames) != 1) + 1
+    return [(int(part[0]), int(part[-1]) + 1) for part in np.split(frames, edges) if len(part)]
 
 
-def register_sequence(fit, markers, head="rigid", bridge=0.1, limit=8.0):
+def register_sequence(fit, markers, head="rigid", bridge=0.1, limit=None, progress=True):
     """Carry a take of markers to the dense face.
 
     Parameters
@@ -305,20 +451,28 @@ def register_sequence(fit, markers, head="rigid", bridge=0.1, limit=8.0):
     bridge : float, default=0.1
         Gaps up to this long keep what set the marker apart from its neighbours before and after,
         seconds; longer ones are reported. 0 solves every frame by its own markers alone.
-    limit : float, default=8.0
-        A marker farther from where the others lead it is a stray and not believed, millimetres.
+    limit : float, optional
+        A marker farther from where the others lead it is a stray and not believed, millimetres. If
+        left out, the distance of its neighbours, 8 mm or more. Whatever it is, markers that jump
+        away and back within a second are strays: how far a jump is follows from how the marker
+        moves in the take.
+    progress : bool, default=True
+        Show a progress bar if it takes more than a second.
 
     Returns
     -------
     Registration
         Exchanged markers are put back, ghosts and strays left out; `faults` lists all of them.
-        A frame with fewer than three markers, or with markers on one line, is not valid.
+        A frame with fewer than three markers, with markers on one line or in one point, mirrored,
+        of another size, far from how the face looks in the rest of the take, or with a third of
+        its markers astray, is not valid, and a fault of kind "frame" says why. A marker farther
+        from the others than any of a face is a stray like any other.
 
     Raises
     ------
     ValueError
-        If the take has fewer than three markers of the layout or no frame that shows them, is
-        mirrored, not in millimetres, or named by another layout.
+        If the take has no frames, fewer than three markers of the layout or no frame that shows
+        them, is mirrored all through, not in millimetres, or named by another layout.
 
     Examples
     --------
@@ -332,60 +486,35 @@ def register_sequence(fit, markers, head="rigid", bridge=0.1, limit=8.0):
     """
     check_choice(head, "head", ("rigid", "whole"))
     bridge = check_number(bridge, "bridge", low=0)
-    limit = check_number(limit, "limit", above=0)
-    column = {name: i for i, name in enumerate(markers.names)}
-    missing = tuple(n for n in fit.names if n not in column)
+    limit = limit if limit is None else check_number(limit, "limit", above=0)
+    if not markers.n_frames:
+        raise ValueError("the take has no frames; check the range that was exported or selected.")
+    known = set(markers.names)
+    missing = tuple(n for n in fit.names if n not in known)
     if len(fit.names) - len(missing) < 3:
         raise ValueError(
             f"the take has {len(fit.names) - len(missing)} of the {len(fit.names)} markers of the "
             f"layout, but 3 or more are needed; missing: {', '.join(missing[:6])}, ..."
         )
-    positions = np.full((markers.n_frames, len(fit.names), 3), np.nan)
-    for i, name in enumerate(fit.names):
-        if name in column:
-            positions[:, i] = markers.positions[:, column[name]]
-    _check_take(fit, positions)
-    count = min(len(positions), 200)
-    some = positions[np.linspace(0, len(positions) - 1, count).astype(int)]
-    weights = rigid_weights(some, fit.rest)
-    layout = fit.layout
-    full = np.empty(positions.shape)
-    parts, swaps = [], {}
-    for first in range(0, len(positions), _BLOCK):
-        part = slice(first, first + _BLOCK)
-        moved, full[part], seen, exchanged, stray = _block(
-            layout, positions[part], weights, head, limit
-        )
-        for pair, frames in exchanged.items():
-            swaps.setdefault(pair, []).extend(first + f for f in frames)
-        parts.append((moved.rotation, moved.translation, moved.rms, moved.valid, seen, stray))
-    rotation, shift, rms, valid, seen, stray = map(np.concatenate, zip(*parts, strict=True))
-    motion = HeadMotion(rotation, shift, rms, valid, weights)
-    faults = _as_faults(fit.names, swaps, stray, len(positions))
+    take = _Take(fit, markers)
+    steps = [take.align, take.settle] + [take.settle_whole] * (head == "whole")
+    bar = tqdm(
+        total=len(steps) * markers.n_frames, desc="registering", unit="frame", leave=False,
+        disable=not progress, delay=1,
+    )  # fmt: skip
+    with bar:
+        for step in steps:
+            if step == take.settle:
+                take.learn(markers.fps, limit)
+            for first in range(0, markers.n_frames, _BLOCK):
+                part = slice(first, min(first + _BLOCK, markers.n_frames))
+                step(part)
+                bar.update(part.stop - first)
     longest = round(bridge * markers.fps)
     if longest:
-        _bridge(layout, full, seen, longest)
-    hidden = np.isnan(positions[..., 0]) & valid[:, None]
-    for marker, first, stop in _runs(hidden):
-        if stop - first > longest:
-            faults.append(Fault("gap", first, stop, (fit.names[marker],)))
-    known = set(fit.names)
-    extra = [i for i, name in enumerate(markers.names) if name not in known]
-    if extra:
-        for i, first, stop in _runs(markers.visible[:, extra]):
-            faults.append(Fault("ghost", first, stop, (markers.names[extra[i]],)))
-    faults = tuple(sorted(faults, key=lambda f: (f.first, f.kind, f.names)))
-    full[~valid] = 0.0
-    return Registration(fit, markers.fps, motion, full, seen, valid, faults, missing)
-
-
-def _as_faults(names, swaps, stray, n_frames):
-    faults = []
-    for pair, frames in swaps.items():
-        mask = np.zeros((n_frames, 1), dtype=bool)
-        mask[frames] = True
-        both = tuple(names[i] for i in pair)
-        faults += [Fault("swap", first, stop, both) for _, first, stop in _runs(mask)]
-    for marker, first, stop in _runs(stray):
-        faults.append(Fault("stray", first, stop, (names[marker],)))
-    return faults
+        _bridge(fit.layout, take.full, take.seen, longest)
+    take.full[take.why > 0] = 0.0
+    return Registration(
+        fit, markers.fps, take.head(), take.full, take.seen, take.why == 0, take.faults(longest),
+        missing, take.n_samples, np.concatenate(take.rejected),
+    )  # fmt: skip

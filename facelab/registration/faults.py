@@ -1,0 +1,275 @@
+"""Markers judged one by one: exchanged names, and markers that are not where they are said to be.
+
+A true peak and a stray marker can lie equally far from where the others lead them, the more so the
+fewer markers there are. But skin moves smoothly in time, and a stray one jumps: away, and back.
+"""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from facelab.geometry.alignment import rigid_motion
+from facelab.registration.layout import MarkerLayout
+
+_LEAST = 4.0  # mm; no jump is smaller: five times what noise of 0.3 mm an axis makes in one frame
+_PAIR = 25.0  # mm; exchanges are looked for this far, or as far as the neighbours of a marker are
+_LEARNED = 4096  # frames that the motion of each marker is learned from
+_LONGEST = 1.0  # s that a marker may stray and still be known by its return
+_LOOK_BACK = 60  # stretches of a track between jumps, that a later one may follow on
+
+
+def runs(mask):
+    """First and stop frame of each run of True, marker by marker: (marker, first, stop)."""
+    found = []
+    for marker in np.flatnonzero(mask.any(axis=0)).tolist():
+        column = np.concatenate([[False], mask[:, marker], [False]])
+        edges = np.flatnonzero(column[1:] != column[:-1]).tolist()
+        found += [(marker, a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return found
+
+
+def spacing(rest):
+    """Mean distance of each marker from the three next to it: ndarray of shape (n_markers,), mm."""
+    return cKDTree(rest).query(rest, min(4, len(rest)))[0][:, 1:].mean(axis=1)
+
+
+def find_swaps(layout, moved):
+    """Neighbours whose direction is reversed and that fit better exchanged: put back, and where.
+
+    Neighbours on the skin come closer and turn, but do not change sides.
+
+    Parameters
+    ----------
+    layout : MarkerLayout
+    moved : ndarray of shape (n_frames, n_markers, 3)
+        Displacements, head frame, mm; NaN where not seen. Changed in place.
+
+    Returns
+    -------
+    dict of (int, int) to list of int
+        The frames in which each pair was exchanged.
+    """
+    rest = layout.fit.rest
+    pairs = _pairs(rest)
+    if len(pairs) == 0:
+        return {}
+    apart = rest[pairs[:, 0]] - rest[pairs[:, 1]]
+    size = (apart**2).sum(axis=1)
+    along = np.zeros((len(moved), len(pairs)))
+    for axis in range(3):
+        change = moved[..., axis]
+        along += (change[:, pairs[:, 0]] - change[:, pairs[:, 1]]) * apart[:, axis]
+    reversed_ = along < -1.3 * size  # never where one of them is NaN
+    waiting = {}
+    for pair in np.flatnonzero(reversed_.any(axis=0)).tolist():
+        i, j = pairs[pair].tolist()
+        frames = np.flatnonzero(reversed_[:, pair])
+        without = moved[frames]
+        here = without[:, [i, j]] + rest[[i, j]]
+        without[:, [i, j]] = np.nan
+        led = layout.filled(without)[:, [i, j]] + rest[[i, j]]
+        as_is = ((here - led) ** 2).sum(axis=(1, 2))
+        exchanged = ((here[:, ::-1] - led) ** 2).sum(axis=(1, 2))
+        better = exchanged < 0.25 * as_is
+        for frame, ratio in zip(frames[better], (exchanged / as_is)[better], strict=True):
+            waiting.setdefault(int(frame), []).append((float(ratio), i, j))
+    found = {}
+    for frame in sorted(waiting):
+        busy = set()
+        for _, i, j in sorted(waiting[frame]):
+            if not busy & {i, j}:
+                busy |= {i, j}
+                moved[frame, [i, j]] = (moved[frame, [i, j]] + rest[[i, j]])[::-1] - rest[[i, j]]
+                found.setdefault((i, j), []).append(frame)
+    return found
+
+
+def _pairs(rest):
+    """Markers that may be taken for each other: those in reach of both; (n_pairs, 2)."""
+    reach = np.maximum(_PAIR, 1.6 * spacing(rest))
+    pairs = cKDTree(rest).query_pairs(float(reach.max()), output_type="ndarray")
+    apart = np.linalg.norm(rest[pairs[:, 0]] - rest[pairs[:, 1]], axis=1)
+    return pairs[apart <= reach[pairs].min(axis=1)]
+
+
+class StrayJudge:
+    """How the markers of a take move, and which samples of them are not their own.
+
+    Parameters
+    ----------
+    layout : MarkerLayout
+    moved : ndarray of shape (n_frames, n_markers, 3)
+        Displacements of the take, head frame, mm.
+    seen : ndarray of bool, shape (n_frames, n_markers)
+    fps : float
+    weights : ndarray of shape (n_markers,)
+        How rigidly each marker moves with the head.
+    limit : float or None
+        A marker farther than this from where the others lead it strays, mm; None for the distance
+        of its neighbours, 8 mm or more.
+
+    Attributes
+    ----------
+    step : ndarray of shape (n_markers,)
+        The smallest change from one frame to the next that is a jump, mm.
+    """
+
+    def __init__(self, layout: MarkerLayout, moved, seen, fps, weights, limit=None):
+        self.layout, self.fps, self.weights = layout, fps, weights
+        gap = spacing(layout.fit.rest)
+        self.limit = np.full(len(gap), limit) if limit else np.maximum(8.0, gap)
+        n_frames, n_markers = seen.shape
+        length = 256
+        n_parts = max(1, min(_LEARNED, n_frames) // length)
+        firsts = np.linspace(0, max(n_frames - length, 0), n_parts).astype(int)
+        steps, places = [], []
+        for first in firsts:
+            part = slice(first, first + length)
+            d = np.where(seen[part, :, None], moved[part], np.nan).astype(float)
+            e = self._apart(d)
+            steps.append(np.fmin(_size(np.diff(d, axis=0)), _size(np.diff(e, axis=0))))
+            places.append(e)
+        steps, places = np.concatenate(steps), np.concatenate(places)
+        known = np.isfinite(steps).any(axis=0)
+        usual = np.zeros(n_markers)
+        usual[known] = np.nanquantile(steps[:, known], 0.9, axis=0)
+        self.step = np.maximum.reduce([np.full(n_markers, _LEAST), 0.2 * gap, 6 * usual])
+        self._centre = np.zeros((n_markers, 3))
+        self._range = np.full(n_markers, 2.0)
+        known = np.isfinite(places[..., 0]).any(axis=0)
+        if known.any():
+            self._centre[known] = np.nanmedian(places[:, known], axis=0)
+            off = _size(places[:, known] - self._centre[known])
+            self._range[known] += np.nanquantile(off, 0.95, axis=0)
+
+    @property
+    def margin(self):
+        """Frames before and after some that have to be seen to judge them."""
+        return round(1.5 * _LONGEST * self.fps)
+
+    def _apart(self, d):
+        """How far the seen markers are from where the others lead them; NaN where not seen."""
+        e = self.layout.left_out(self.layout.filled(d))
+        e[np.isnan(d)] = np.nan
+        return e
+
+    def find(self, moved):
+        """Samples that are not believed.
+
+        Parameters
+        ----------
+        moved : ndarray of shape (n_frames, n_markers, 3)
+            Frames that follow one another, `margin` more at either end than are wanted; NaN where
+            not seen. Changed in place: strays become NaN.
+
+        Returns
+        -------
+        stray : ndarray of bool, shape (n_frames, n_markers)
+        full : ndarray of shape (n_frames, n_markers, 3)
+            `moved` as it was given, filled.
+        """
+        full = self.layout.filled(moved)
+        e = self.layout.left_out(full)
+        e[np.isnan(moved)] = np.nan
+        stray = self._jumped(moved, e)
+        if stray.any():
+            # they moved the head, and what their neighbours are judged by: once more without them
+            d = moved.copy()
+            self._without(stray, d, e)
+            stray = self._jumped(d, e)
+            moved[stray] = np.nan
+        frames = np.flatnonzero((_size(e) > self.limit).any(axis=1) | stray.any(axis=1))
+        if frames.size:
+            part = moved[frames]
+            stray[frames] |= self._beyond(part)
+            moved[frames] = part
+        return stray, full
+
+    def _without(self, stray, d, e):
+        """Displacements and distances from where the others lead, had some never been there.
+
+        Both are changed in place, in the frames where there are some.
+        """
+        frames = np.flatnonzero(stray.any(axis=1))
+        rest = self.layout.fit.rest
+        moved, out = d[frames] + rest, stray[frames]
+        without = np.where(out[..., None], np.nan, moved)
+        motion = rigid_motion(without, rest, self.weights, robust=True)
+        frames, moved, without = (a[motion.valid] for a in (frames, moved, without))
+        motion = rigid_motion(without, rest, self.weights, robust=True)
+        moved, without = motion.to_head(moved) - rest, motion.to_head(without) - rest
+        full = self.layout.filled(without)
+        apart = np.where(np.isfinite(without), self.layout.left_out(full), moved - full)
+        d[frames] = moved
+        e[frames] = np.where(np.isfinite(moved), apart, np.nan)
+
+    def _jumped(self, d, e):
+        """Stretches of each track that jump away and back: mask."""
+        seen = np.isfinite(d[..., 0])
+        frame = np.arange(len(d))[:, None]
+        last = np.maximum.accumulate(np.where(seen, frame, -1), axis=0)
+        before = np.vstack([np.full((1, d.shape[1]), -1), last[:-1]])
+        both = seen & (before >= 0)
+        marker = np.arange(d.shape[1])
+        step = np.fmin(_size(d - d[before, marker]), _size(e - e[before, marker]))
+        cut = both & (step > self.step * np.sqrt(frame - before))
+        stray = np.zeros(seen.shape, dtype=bool)
+        for m in np.flatnonzero(cut.any(axis=0)):
+            at = np.flatnonzero(seen[:, m])
+            starts = np.flatnonzero(cut[at, m])
+            unusual = _size(e[at, m] - self._centre[m]) / self._range[m]
+            stray[at, m] = self._left(at, d[at, m], e[at, m], starts, 1 / (1 + unusual**2), m)
+        return stray
+
+    def _left(self, at, d, e, starts, worth, marker):
+        """The stretches of one track that are best left out, so that the others follow smoothly.
+
+        What is left out costs its worth in frames, a jump between stretches that are kept half the
+        longest stray. The cheapest choice is found stretch by stretch (dynamic programming).
+        """
+        starts = np.concatenate([[0], starts])
+        stops = np.append(starts[1:], len(at)) - 1
+        cost = np.concatenate([[0.0], np.cumsum(np.add.reduceat(worth, starts))])
+        broken = 0.5 * _LONGEST * self.fps
+        best, came = cost[:-1].copy(), np.full(len(starts), -1)  # as the first that is kept
+        for s in range(1, len(starts)):
+            p = np.arange(max(0, s - _LOOK_BACK), s)
+            ends, here = stops[p], starts[s]
+            step = np.minimum(_size(d[here] - d[ends]), _size(e[here] - e[ends]))
+            jump = step > self.step[marker] * np.sqrt(at[here] - at[ends])
+            total = best[p] + cost[s] - cost[p + 1] + broken * jump
+            k = int(total.argmin())
+            if total[k] < best[s]:
+                best[s], came[s] = total[k], p[k]
+        s = int((best + cost[-1] - cost[1:]).argmin())
+        out = np.ones(len(at), dtype=bool)
+        while s >= 0:
+            out[starts[s] : stops[s] + 1] = False
+            s = came[s]
+        return out
+
+    def _beyond(self, moved, rounds=4):
+        """Markers beyond the limit from where the others lead them: mask; `moved` gets NaN.
+
+        The worst of a neighbourhood goes first: it spoils what its neighbours are judged by.
+        """
+        rest = self.layout.fit.rest
+        near = cKDTree(rest).query_ball_point(rest, np.maximum(30.0, 1.5 * spacing(rest)))
+        near = [np.array(n) for n in near]
+        stray = np.zeros(moved.shape[:2], dtype=bool)
+        frames = np.arange(len(moved))
+        for _ in range(rounds):
+            off = np.nan_to_num(_size(self._apart(moved[frames])))
+            bad = off > self.limit
+            for f, m in np.argwhere(bad):
+                bad[f, m] = off[f, m] >= off[f, near[m]].max()
+            stray[frames] |= bad
+            moved[stray] = np.nan
+            frames = frames[bad.any(axis=1)]
+            if not frames.size:
+                break
+        return stray
+
+
+def _size(vectors):
+    """Lengths of vectors (..., 3)."""
+    return np.sqrt(np.einsum("...x,...x->...", vectors, vectors))
