@@ -10,7 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from facelab.checks import as_finite
 
-_UNITS = {1000.0: "metres", 100.0: "decimetres", 10.0: "centimetres", 25.4: "inches"}
+_UNITS = {
+    1000.0: "metres",
+    304.8: "feet",
+    100.0: "decimetres",
+    25.4: "inches",
+    10.0: "centimetres",
+    0.1: "tenths of a millimetre",
+    0.001: "micrometres",
+}
 _FLAT = 1.0  # mm; points nearer to one line than this leave the turn about it open
 
 _WIDTHS = (8.0, 4.0, 2.0, 1.0, 1.0)  # from wide to narrow, so that a poor start does no harm
@@ -315,11 +323,31 @@ def check_like(alignment, name):
             f"{alignment.rms:.1f} mm). Negate one axis, or check whether names of left and right "
             "are exchanged."
         )
-    if not 0.5 <= alignment.scale <= 2:
-        near = min(_UNITS, key=lambda u: abs(np.log(alignment.scale / u)))
-        guess = f" It looks like {_UNITS[near]}: multiply by {near:g}."
-        close = abs(np.log(alignment.scale / near)) < 0.3
-        raise ValueError(
-            f"{name}: {1 / alignment.scale:.4g} times the size of the face; millimetres are "
-            f"needed.{guess if close else ' Scale it to millimetres first.'}"
-        )
+    check_scale(alignment.scale, name)
+
+
+def check_scale(scale, name):
+    """Refuse data in other units than millimetres.
+
+    Parameters
+    ----------
+    scale : float
+        How much larger a face in millimetres is than the data.
+    name : str
+        What the data are, for the message.
+
+    Raises
+    ------
+    ValueError
+        If the data are less than half or more than twice as large as the face, with the factor
+        that makes them millimetres.
+    """
+    if 0.5 <= scale <= 2:
+        return
+    near = min(_UNITS, key=lambda u: abs(np.log(scale / u)))
+    guess = f" It looks like {_UNITS[near]}: multiply by {near:g}."
+    close = abs(np.log(scale / near)) < 0.3
+    raise ValueError(
+        f"{name}: {1 / scale:.4g} times the size of the face; millimetres are needed."
+        f"{guess if close else ' Scale it to millimetres first.'}"
+    )

@@ -2,6 +2,7 @@
 
 from facelab.registration.fit import Fit, MarkerFit, fit_markers, fit_scan, rest_markers
 from facelab.registration.layout import MarkerLayout
+from facelab.registration.report import FitReport
 from facelab.registration.sequence import Fault, Registration, register_sequence
 from facelab.registration.warp import PRESETS
 
@@ -9,6 +10,7 @@ __all__ = [
     "PRESETS",
     "Fault",
     "Fit",
+    "FitReport",
     "MarkerFit",
     "MarkerLayout",
     "Registration",

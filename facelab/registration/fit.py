@@ -10,6 +10,7 @@ of a Gaussian field on the surface (Lindgren, Rue and Lindstroem 2011), so its s
 how far a deformation reaches, how large it is, how exact the markers are.
 """
 
+import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,15 +18,19 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.interpolate import RBFInterpolator
 
-from facelab.checks import check_choice, check_number
-from facelab.geometry.alignment import Alignment, check_like, procrustes, rigid_motion
+from facelab.checks import check_choice, check_number, check_type
+from facelab.geometry.alignment import Alignment, procrustes, rigid_motion
 from facelab.geometry.closest import closest_points
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MarkerSequence
+from facelab.registration.landmarks import DOUBTED, check_landmarks, judge
 from facelab.registration.layout import MarkerLayout
+from facelab.registration.report import check_drawn, check_surface, made_report, near_markers
+from facelab.registration.scan import check_scan, on_border, without_scraps, wound_outwards
 from facelab.registration.warp import GLUED, PRESETS, SEEN, Preset, relaxed, rows, sliding
 
 _NEEDED = 6  # landmarks, for a warp in three directions that is not exact by chance
+_GHOST = 3.0  # mm; a marker nearer to the surface is believed in any case
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +50,12 @@ class Fit:
     residuals : ndarray of shape (n_points,)
         Distance that is left at each marker, or at each matched vertex of a scan, millimetres.
     preset : Preset
+    places : ndarray of shape (n_landmarks, 3)
+        Where the data have the landmarks, head frame, millimetres.
+    apart : ndarray of shape (n_vertices,)
+        Distance of each vertex from the scan, millimetres.
+    drawn : ndarray of bool, shape (n_vertices,)
+        Which of them are matched to it.
     """
 
     mesh: TriangleMesh
@@ -53,11 +64,44 @@ class Fit:
     landmarks: tuple = field(repr=False)
     residuals: np.ndarray = field(repr=False)
     preset: Preset = field(repr=False)
+    places: np.ndarray = field(default=None, repr=False, kw_only=True)
+    apart: np.ndarray = field(default=None, repr=False, kw_only=True)
+    drawn: np.ndarray = field(default=None, repr=False, kw_only=True)
+
+    def __repr__(self):
+        r = self.report
+        lost = f", {r.n_unused} not used (up to {r.unused_max:.0f} mm off)" if r.n_unused else ""
+        far = max(r.landmarks, key=r.landmarks.get)
+        return (
+            f"{type(self).__name__}({r.n_used} {r.what} used, rms {r.rms:.2f} mm{lost}; "
+            f"{100 * r.drawn:.0f} % drawn; {len(r.landmarks)} landmarks, {far} the farthest "
+            f"from where the others put it ({r.landmarks[far]:.0f} mm); {r.turned} normals turned "
+            f"over, {r.folds} folds, {r.crossings} cuts)"
+        )
 
     @property
     def rms(self):
         """Root mean squared of `residuals`, millimetres."""
         return float(np.sqrt((self.residuals**2).mean()))
+
+    @cached_property
+    def report(self):
+        """How far the fit can be trusted: FitReport."""
+        off = self._landmarks_off(self.places, 0.0)
+        return made_report(
+            self.mesh, self._before, self.apart, self.drawn, self.drawn, off, "vertices"
+        )
+
+    @property
+    def _before(self):
+        return self.mesh.with_vertices(self.steps["similarity"])
+
+    def _landmarks_off(self, places, height):
+        before = self._before
+        marks = [before.landmarks[name] for name in self.landmarks]
+        source = before.vertices[marks] + height * before.normals[marks]
+        off = judge(source, places, self.landmarks).off
+        return dict(zip(self.landmarks, off.tolist(), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +125,23 @@ class MarkerFit(Fit):
     faces: np.ndarray = field(default=None, repr=False)
     weights: np.ndarray = field(default=None, repr=False)
     offset: float = 1.5
+
+    @property
+    def used(self):
+        """Which markers the fit believed, not taking them for ghosts: bool, (n_markers,)."""
+        held = np.isin(self.names, self.landmarks)
+        return held | (self.residuals <= max(6 * np.median(self.residuals), _GHOST))
+
+    @cached_property
+    def report(self):
+        """How far the fit can be trusted: FitReport."""
+        row = {name: i for i, name in enumerate(self.names)}
+        off = self._landmarks_off(self.rest[[row[n] for n in self.landmarks]], self.offset)
+        feet = rows(self.mesh, self.faces, self.weights) @ self.mesh.vertices
+        drawn = near_markers(self.mesh, feet[self.used])
+        return made_report(
+            self.mesh, self._before, self.residuals, self.used, drawn, off, "markers"
+        )
 
     @cached_property
     def layout(self):
@@ -150,11 +211,11 @@ def rest_markers(takes, seconds=0.05):
     return reference, names
 
 
-def _warped(template, positions, named, preset, label, height=0.0):
+def _warped(template, positions, named, preset, label, height=0.0, normals=None):
     """Similarity and smooth warp by landmarks: data to head frame, and both steps' vertices.
 
     `positions` are of the data, `named` maps landmarks to their rows, `height` is that of the data
-    over the skin.
+    over the skin, `normals` are those of the data if they are a surface.
     """
     known = [n for n in named if n in template.landmarks]
     if len(known) < _NEEDED:
@@ -166,21 +227,22 @@ def _warped(template, positions, named, preset, label, height=0.0):
         )
     marks = [template.landmarks[n] for n in known]
     source = template.vertices[marks] + height * template.normals[marks]
-    target = positions[[named[n] for n in known]]
-    check_like(procrustes(target, source, scale=True), label)
+    data = [named[n] for n in known]
+    target = positions[data]
+    both = None if normals is None else (template.normals[marks], normals[data])
+    judged = check_landmarks(source, target, known, label, both)
+    doubted = [
+        f"{known[i]} ({judged.off[i]:.0f} mm)" for i in np.flatnonzero(judged.doubt > DOUBTED)
+    ]
+    if doubted:
+        warnings.warn(
+            f"{label}: {', '.join(doubted)} lie(s) rather far from where the others put the "
+            "landmark; look whether the name is right.",
+            stacklevel=3,
+        )
     rigid = procrustes(target, source)
     target = rigid.apply(target)
     grown = procrustes(source, target, scale=True)
-    left = np.linalg.norm(grown.apply(source) - target, axis=1)
-    usual = max(np.median(left), 3.0)
-    if (left > 6 * usual).any():
-        wrong = ", ".join(
-            f"{known[i]} ({left[i]:.0f} mm)" for i in np.flatnonzero(left > 6 * usual)
-        )
-        raise ValueError(
-            f"{label}: {wrong} lie(s) far from where the others put the landmark, the usual "
-            f"distance being {usual:.0f} mm; check the name(s) or leave them out."
-        )
     V = grown.apply(template.vertices)
     from_here = grown.apply(source)
     warp = RBFInterpolator(
@@ -225,6 +287,7 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
     >>> bool(fit.residuals.max() < 0.5)  # millimetres
     True
     """
+    check_type(template, "template", TriangleMesh, "facelab.load_template() is one")
     preset = PRESETS[check_choice(preset, "preset", tuple(PRESETS))]
     offset = check_number(offset, "offset", low=0)
     names = tuple(names)
@@ -234,7 +297,16 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
             f"positions has shape {positions.shape}, but {len(names)} names ask for "
             f"({len(names)}, 3)."
         )
+    if np.isinf(positions).any():
+        raise ValueError(
+            "positions holds infinite values; mark markers that were not seen with NaN."
+        )
     seen = np.isfinite(positions).all(axis=1)
+    if not seen.any():
+        raise ValueError(
+            f"positions holds no marker that was seen: all {len(names)} are NaN; give a frame "
+            "that shows the face at rest."
+        )
     names = tuple(n for n, s in zip(names, seen, strict=True) if s)
     positions = positions[seen]
     if len(set(names)) < len(names):
@@ -263,7 +335,7 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
         share = np.ones(len(rest))
         if len(free):  # far off the surface, as a ghost at rest would be
             off = gap[free]
-            share[free] = 1 / (1 + (off / max(6 * np.median(np.abs(off)), 3.0)) ** 2) ** 2
+            share[free] = 1 / (1 + (off / max(6 * np.median(np.abs(off)), _GHOST)) ** 2) ** 2
         target = np.vstack([foot + gap[:, None] * normal, rest[fixed] - offset * normal[fixed]])
         return sp.vstack([B, marks]), target, np.append(share / slack**2, pull)
 
@@ -273,6 +345,7 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
     faces, weights = feet(mesh)
     _, foot, normal, _ = sliding(mesh, faces, weights, rest, offset)
     left = np.linalg.norm(foot + offset * normal - rest, axis=1)
+    check_surface(mesh, template.with_vertices(steps["similarity"]), "the markers")
     return MarkerFit(mesh, rigid, steps, known, left, preset, names, rest, faces, weights, offset)
 
 
@@ -312,17 +385,21 @@ def fit_scan(template, scan, landmarks=None, preset="balanced"):
     >>> bool(fit.residuals.mean() < 0.2)  # millimetres
     True
     """
+    check_type(template, "template", TriangleMesh, "facelab.load_template() is one")
+    check_scan(scan)
     preset = PRESETS[check_choice(preset, "preset", tuple(PRESETS))]
     chosen = tuple(scan.landmarks) if landmarks is None else tuple(landmarks)
     unknown = [n for n in chosen if n not in scan.landmarks]
     if unknown:
         raise ValueError(f"landmarks names {', '.join(unknown)}, which the scan does not have.")
     named = {n: scan.landmarks[n] for n in chosen}
-    rigid, known, steps = _warped(template, scan.vertices, named, preset, "the scan's landmarks")
+    rigid, known, steps = _warped(
+        template, scan.vertices, named, preset, "the scan's landmarks", normals=scan.normals
+    )
     scan = scan.with_vertices(rigid.apply(scan.vertices))
-    border = np.zeros(scan.n_vertices, dtype=bool)
-    for loop in scan.boundary_loops:
-        border[loop] = True
+    scan = without_scraps(scan, [named[n] for n in known])
+    scan = wound_outwards(scan, template.with_vertices(steps["warp"]))
+    border = on_border(scan)
     marks = [template.landmarks[n] for n in known]
     places = scan.vertices[[named[n] for n in known]]
     everything = sp.eye_array(template.n_vertices, format="csr")
@@ -331,11 +408,11 @@ def fit_scan(template, scan, landmarks=None, preset="balanced"):
         faces, weights = closest_points(scan, mesh.vertices)
         at = rows(scan, faces, weights)
         place, normal = at @ scan.vertices, at @ scan.normals
-        on_border = ((weights > 1e-9) <= border[scan.faces[faces]]).all(axis=1)
-        agree = (normal * mesh.normals).sum(axis=1) > 0.5
+        inside = ((weights > 1e-9) > border[scan.faces[faces]]).any(axis=1)
+        agree = inside & ((normal * mesh.normals).sum(axis=1) > 0.5)
         apart = np.linalg.norm(place - mesh.vertices, axis=1)
-        usual = np.median(apart[agree & ~on_border]) if (agree & ~on_border).any() else np.inf
-        return place, normal, agree & ~on_border & (apart < max(4 * usual, 5.0)), apart
+        usual = np.median(apart[agree]) if agree.any() else np.inf
+        return place, normal, agree & (apart < max(4 * usual, 5.0)), apart
 
     def match(mesh, slack):
         place, normal, drawn, _ = nearest(mesh)
@@ -350,4 +427,8 @@ def fit_scan(template, scan, landmarks=None, preset="balanced"):
         steps[f"stage {i + 1}"] = V
     mesh = template.with_vertices(V)
     _, _, drawn, apart = nearest(mesh)
-    return Fit(mesh, rigid, steps, known, apart[drawn], preset)
+    check_drawn(drawn)
+    check_surface(mesh, template.with_vertices(steps["similarity"]), "scan")
+    return Fit(
+        mesh, rigid, steps, known, apart[drawn], preset, places=places, apart=apart, drawn=drawn
+    )
