@@ -72,10 +72,11 @@ def _header(path, data):
         raise ValueError(
             f"{path}: not a PLY file; it would begin with 'ply' and have a line 'end_header'."
         )
-    lines = data[: found.start()].decode("latin-1").splitlines()
+    lines = data[: found.start()].splitlines()  # of bytes: blanks and ends of ASCII alone
     form, elements = None, []
     for number, line in enumerate(lines[1:], 2):
-        words = line.split()
+        words = [word.decode("latin-1") for word in line.split()]
+        line = line.decode("latin-1")
         at = f"{path}, line {number}: {line[:80]!r}"
         if not words or words[0] in ("comment", "obj_info"):
             continue

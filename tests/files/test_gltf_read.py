@@ -626,6 +626,8 @@ def contradicts(found, data, said):
 
 def denied_by(mesh, told, found):
     """What one mesh of the file denies, packed or not."""
+    if "attributes" not in mesh["primitives"][0]:
+        return "a mesh without attributes"
     at = told["accessors"][mesh["primitives"][0]["attributes"]["POSITION"]]
     if len(found.vertices) != at["count"]:
         return "other number of vertices"

@@ -418,7 +418,7 @@ def contradicts(take, data, said):
         rows = rows[:-1]
     if take.n_frames != len(rows) or take.report.rows != len(rows):
         return f"{take.n_frames} frames, but the file has {len(rows)} rows"
-    if [*take.names, *take.angles] != [h.strip().strip('"') for h in header[2:]]:
+    if [*take.names, *take.angles] != [re.sub('^"(.*)"$', r"\1", h.strip()) for h in header[2:]]:
         return "other names"
     if [int(row[0]) for row in rows] != list(range(len(rows))):
         return "rows out of order"
