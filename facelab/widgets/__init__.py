@@ -1,6 +1,7 @@
 """Views for the notebook: ipywidgets and pythreejs on top of the sessions."""
 
 from facelab.widgets.expression_lab import ExpressionLab
+from facelab.widgets.landmark_picker import LandmarkPicker
 from facelab.widgets.player import Player
 from facelab.widgets.posing_lab import PosingLab
 from facelab.widgets.registration_view import RegistrationView
@@ -10,6 +11,7 @@ from facelab.widgets.viewer import FaceView
 __all__ = [
     "ExpressionLab",
     "FaceView",
+    "LandmarkPicker",
     "Player",
     "PosingLab",
     "RegistrationView",

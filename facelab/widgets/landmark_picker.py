@@ -1,0 +1,228 @@
+"""Landmarks of a face by clicking on it, by name."""
+
+import ipywidgets as widgets
+import numpy as np
+
+from facelab.data.actors import load_template
+from facelab.files.ljson import write_landmarks
+from facelab.geometry.alignment import procrustes
+from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+from facelab.numeric.undo import History
+from facelab.widgets.page import Page, markup, path_in, quiet, shows_errors, written
+from facelab.widgets.parts import ROOT, ItemList
+from facelab.widgets.viewer import FaceView
+
+SIX = (
+    *("eye_right_outer", "eye_left_outer", "nose_tip"),
+    *("mouth_corner_right", "mouth_corner_left", "chin"),
+)
+"""Landmarks that a fit can start from: not on one line, nor in one plane."""
+
+_FAR = 3.0  # times as far from where the others put it as is usual: worth a look
+_USUAL = 4.0  # mm, at the least; faces differ
+
+
+class LandmarkPicker(Page):
+    """A page in which landmarks are set by clicking on a face.
+
+    One name is asked for after the other; a click on a name in the list asks for that one again.
+    Those set are held against the place where a face has them: exchanged sides, a wrong order and
+    single ones far off are said at once.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The face, millimetres; landmarks that it has are there at the start.
+    names : sequence of str, optional
+        Landmarks to set, of `MULTI_PIE`; the six that a fit needs if left out.
+    props : iterable of (TriangleMesh, colors), optional
+    width, height : int
+        Size of the canvas, pixels.
+    folder : str or Path, default="."
+        Where Save writes.
+
+    Attributes
+    ----------
+    landmarks : dict of str to int
+        Vertex of each landmark that is set.
+    mesh : TriangleMesh
+        The face with these landmarks.
+    widget : ipywidgets.Widget
+        The whole page; it shows itself as the last line of a cell.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For what is no mesh, or a name that is no landmark.
+    """
+
+    def __init__(self, mesh, names=SIX, props=(), width=470, height=540, folder="."):
+        if not isinstance(mesh, TriangleMesh):
+            raise TypeError(f"mesh is a {type(mesh).__name__}; give a TriangleMesh.")
+        names = tuple(names)
+        odd = [name for name in names if name not in MULTI_PIE]
+        if odd or not names or len(set(names)) < len(names):
+            raise ValueError(
+                f"names: {', '.join(map(repr, odd)) or 'none, or one twice'}; give names of "
+                f"facelab.geometry.MULTI_PIE, such as {', '.join(SIX)}."
+            )
+        self.names, self.folder, self._face = names, folder, mesh
+        own = {n: v for n, v in mesh.landmarks.items() if n in names}
+        self.history = History(own, same=dict.__eq__)
+        model = load_template(4375)
+        self._typical = {n: model.vertices[v] for n, v in model.landmarks.items()}
+        self.view = FaceView(mesh, props, width, height)
+        self.view.on_press, self.view.on_hover = self._press, self._hover
+        self.view.on_move = self.view.on_release = lambda *_: None
+        self.list = ItemList("choice", self._react)
+        self.map = widgets.HTML()
+        self.undo = widgets.Button(description="Undo", layout={"width": "72px"})
+        self.name = widgets.Text(value="landmarks", layout={"width": "150px"})
+        self.save = widgets.Button(description="Save", layout={"width": "72px"})
+        self._verdict, self._result = widgets.HTML(), widgets.HTML()
+        self._width = f"{width}px"
+        self._build_messages()
+        self.undo.on_click(self._undo)
+        self.save.on_click(self._save)
+        side = widgets.VBox(
+            [
+                self.map,
+                self.list,
+                widgets.HBox([self.undo, self.name, self.save]),
+                *(self._verdict, self._message, self._result),
+            ],
+            layout={"width": "330px", "padding": "0 0 0 12px"},
+        )
+        left = widgets.VBox([self.view.widget, self._status])
+        self.widget = widgets.HBox([left, side], layout={"flex_flow": "row wrap"})
+        self.widget.add_class(ROOT)
+        self.wanted = next((n for n in names if n not in own), names[0])
+        self.refresh()
+
+    @property
+    def landmarks(self):
+        """Vertex of each landmark that is set, by name."""
+        return dict(self.history.state)
+
+    @property
+    def mesh(self):
+        """The face with the landmarks that are set: TriangleMesh."""
+        marks = {**self._face.landmarks, **self.landmarks}
+        return TriangleMesh(self._face.vertices, self._face.faces, marks)
+
+    # --- what a hand does -------------------------------------------------------------------------
+
+    def set(self, name, vertex):
+        """Put a landmark on a vertex, and ask for the next that is missing."""
+        self.history.make({**self.history.state, name: int(vertex)})
+        missing = [n for n in self.names if n not in self.history.state]
+        self.wanted = missing[0] if missing else name
+        self.refresh()
+
+    @shows_errors
+    def _press(self, vertex):
+        self.view.end_drag()
+        self.clear()
+        self.set(self.wanted, vertex)
+
+    @shows_errors
+    def _hover(self, vertex):
+        self.view.show_hover(None if vertex is None else self._face.vertices[vertex])
+
+    @shows_errors
+    def _react(self, do, name):
+        if do == "remove":
+            self.history.make({n: v for n, v in self.history.state.items() if n != name})
+        self.wanted = name
+        self.refresh()
+
+    @shows_errors
+    def _undo(self, _):
+        if self.history.can_undo:
+            before = self.history.state
+            self.history.undo()
+            changed = [n for n in self.names if before.get(n) != self.history.state.get(n)]
+            self.wanted = changed[0] if changed else self.wanted
+        self.refresh()
+
+    @shows_errors
+    def _save(self, _):
+        path = path_in(self.folder, self.name.value, ".ljson")
+        write_landmarks(path, self.mesh.vertices, self.mesh.landmarks)
+        self._result.value = written(path)
+
+    # --- what is shown ----------------------------------------------------------------------------
+
+    def refresh(self):
+        """Show the landmarks as they are now."""
+        marks, V = self.landmarks, self._face.vertices
+        here = V[list(marks.values())].reshape(-1, 3)
+        self.view.show_pins(here, here, self.view.normals[list(marks.values())])
+        remove = [["remove", "✕", "Take it away", False]]
+        self.list.items = [
+            {
+                "id": name,
+                "name": name.replace("_", " "),
+                "note": f"vertex {marks[name]}" if name in marks else "click on the face",
+                "buttons": remove if name in marks else [],
+            }
+            for name in self.names
+        ]
+        self.list.chosen = self.names.index(self.wanted)
+        self.undo.disabled = not self.history.can_undo
+        self.map.value = self._drawn_map()
+        self._verdict.value = markup('<div style="line-height:1.35">{}</div>', self.verdict())
+        with quiet(self):
+            self.say(f"Click on: {self.wanted.replace('_', ' ')} (the person's own left and right)")
+
+    def verdict(self):
+        """What is odd about the landmarks that are set, in words."""
+        marks = [n for n in self.landmarks if n in self._typical]
+        if len(marks) < 4:
+            return f"{len(self.landmarks)} of {len(self.names)} set."
+        there = self._face.vertices[[self.landmarks[n] for n in marks]]
+        typical = np.array([self._typical[n] for n in marks])
+        likeness = procrustes(typical, there, scale=True)
+        if likeness.mirrored:
+            return "Left and right are exchanged: they are the person's, not the viewer's."
+        left = np.array(
+            [
+                np.linalg.norm(
+                    procrustes(typical[keep], there[keep], scale=True).apply(typical[[k]])
+                    - there[k]
+                )
+                for k, keep in enumerate(~np.eye(len(marks), dtype=bool))
+            ]
+        )
+        usual = max(float(np.median(left)), _USUAL)
+        far = [k for k in np.argsort(-left) if left[k] > _FAR * usual]
+        if far:
+            worst = marks[far[0]].replace("_", " ")
+            return (
+                f"{worst} lies {left[far[0]]:.0f} mm from where the others put it; "
+                "look at its name and place."
+            )
+        return f"{len(self.landmarks)} of {len(self.names)} set; they agree with a face."
+
+    def _drawn_map(self):
+        """The 68 landmarks on a face as a drawing, the one that is asked for marked."""
+        P = np.array([self._typical[n][:2] for n in MULTI_PIE]) * [1, -1]
+        low, size = P.min(axis=0) - 8, np.ptp(P, axis=0) + 16
+        dots = []
+        for name, (x, y) in zip(MULTI_PIE, P, strict=True):
+            radius, color = 1.6, "#b9b4ad"
+            if name in self.names:
+                radius, color = 3.0, "#12406b" if name in self.landmarks else "#7d776f"
+            if name == self.wanted:
+                radius, color = 5.0, "#d95f02"
+            dots.append(
+                markup(
+                    '<circle cx="{:.1f}" cy="{:.1f}" r="{}" fill="{}"><title>{}</title></circle>',
+                    *(x, y, radius, color, name),
+                )
+            )
+        box = " ".join(f"{x:.0f}" for x in (*low, *size))
+        return markup(
+            '<svg viewBox="{}" style="height:170px;width:100%">{}</svg>',
+            *(box, markup("").join(dots)),
+        )

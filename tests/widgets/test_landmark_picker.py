@@ -1,0 +1,88 @@
+"""Landmarks by clicking."""
+
+import json
+
+import numpy as np
+import pytest
+
+import facelab
+from facelab.geometry.mesh import TriangleMesh
+from facelab.widgets.landmark_picker import SIX, LandmarkPicker
+
+
+@pytest.fixture(scope="module")
+def face():
+    return facelab.load_template(4375)
+
+
+@pytest.fixture
+def picker(face, tmp_path):
+    return LandmarkPicker(TriangleMesh(face.vertices, face.faces), folder=tmp_path)
+
+
+def click(picker, vertex):
+    picker.view.on_press(vertex)
+
+
+def test_six_clicks_set_the_six_one_after_the_other(picker, face):
+    for name in SIX:
+        assert picker.wanted == name
+        click(picker, face.landmarks[name])
+    assert picker.landmarks == {name: face.landmarks[name] for name in SIX}
+    assert picker.mesh.landmarks == picker.landmarks
+    assert "agree with a face" in picker._verdict.value
+    again = facelab.fit_scan(face, picker.mesh)
+    assert again.rms < 0.1
+
+
+def test_a_click_on_a_name_sets_that_one_anew_and_undo_brings_the_old_one_back(picker, face):
+    for name in SIX:
+        click(picker, face.landmarks[name])
+    picker._react("choose", "nose_tip")
+    click(picker, 7)
+    assert picker.landmarks["nose_tip"] == 7
+    picker.undo.click()
+    assert picker.landmarks["nose_tip"] == face.landmarks["nose_tip"]
+    picker._react("remove", "chin")
+    assert "chin" not in picker.landmarks and picker.wanted == "chin"
+    picker.undo.click()
+    assert "chin" in picker.landmarks
+
+
+def test_exchanged_sides_and_single_ones_far_off_are_said(picker, face):
+    other = {"left": "right", "right": "left"}
+    for name in SIX:
+        side = next((s for s in other if s in name), None)
+        click(picker, face.landmarks[name.replace(side, other[side]) if side else name])
+    assert "Left and right are exchanged" in picker.verdict()
+    for name in SIX:
+        picker.set(name, face.landmarks[name])
+    picker.set("nose_tip", face.landmarks["eye_left_outer"])
+    assert "nose tip lies" in picker.verdict()
+
+
+def test_what_is_set_is_saved_beside_the_notebook(picker, face, tmp_path):
+    for name in SIX:
+        click(picker, face.landmarks[name])
+    picker.name.value = "mine"
+    picker.save.click()
+    stored = json.loads((tmp_path / "mine.ljson").read_text())["groups"]["PTS"]
+    assert [entry["label"] for entry in stored["labels"]] == list(SIX)
+    points = np.array(stored["landmarks"]["points"])
+    np.testing.assert_array_equal(points, face.vertices[[face.landmarks[n] for n in SIX]])
+    assert "mine.ljson" in picker._result.value
+    picker.name.value = "../x"
+    picker.save.click()
+    assert "leads out of the folder" in picker._message.value
+
+
+def test_landmarks_that_the_mesh_has_are_there_at_the_start(face):
+    picker = LandmarkPicker(face, names=("nose_tip", "chin"))
+    assert picker.landmarks == {n: face.landmarks[n] for n in ("nose_tip", "chin")}
+
+
+def test_names_that_are_no_landmarks_are_refused(face):
+    with pytest.raises(ValueError, match="names: 'ear'; give names of"):
+        LandmarkPicker(face, names=("ear",))
+    with pytest.raises(TypeError, match="mesh is a str"):
+        LandmarkPicker("face")
