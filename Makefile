@@ -94,8 +94,9 @@ test-long: env
 	$(BIN)/python -m pytest tests --ignore tests/browser -m long
 
 # As on a machine without data and network, with nothing made before.
-BARE := env -u FACELAB_ICT -u FACELAB_CAPTURES -u FACELAB_ANIMFACE FACELAB_OFFLINE=1
-BARE_NOTEBOOKS := notebooks/05_posing.ipynb notebooks/07_sketch_to_action_units.ipynb
+BARE := env -u FACELAB_ICT -u FACELAB_CAPTURES -u FACELAB_ANIMFACE -u FACELAB_AURA FACELAB_OFFLINE=1
+BARE_NOTEBOOKS := $(addprefix notebooks/,05_posing.ipynb 07_sketch_to_action_units.ipynb \
+	08_your_own_face.ipynb)
 
 test-bare: env browser
 	@FACELAB_CACHE=$$(mktemp -d) && export FACELAB_CACHE && \

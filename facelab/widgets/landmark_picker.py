@@ -8,7 +8,7 @@ from facelab.files.ljson import write_landmarks
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.numeric.undo import History
-from facelab.widgets.page import Page, markup, path_in, quiet, shows_errors, written
+from facelab.widgets.page import Page, markup, path_in, shows_errors, written
 from facelab.widgets.parts import ROOT, ItemList
 from facelab.widgets.viewer import FaceView
 
@@ -157,7 +157,7 @@ class LandmarkPicker(Page):
         """Show the landmarks as they are now."""
         marks, V = self.landmarks, self._face.vertices
         here = V[list(marks.values())].reshape(-1, 3)
-        self.view.show_pins(here, here, self.view.normals[list(marks.values())])
+        self.view.show_pins(here, here)
         remove = [["remove", "✕", "Take it away", False]]
         self.list.items = [
             {
@@ -172,8 +172,12 @@ class LandmarkPicker(Page):
         self.undo.disabled = not self.history.can_undo
         self.map.value = self._drawn_map()
         self._verdict.value = markup('<div style="line-height:1.35">{}</div>', self.verdict())
-        with quiet(self):
-            self.say(f"Click on: {self.wanted.replace('_', ' ')} (the person's own left and right)")
+        asked = self.wanted.replace("_", " ")
+        self.say(
+            f"Click on: {asked}. Left and right are the person's."
+            if self.wanted not in marks
+            else f"All are set. A click on the face moves: {asked}. Choose another in the list."
+        )
 
     def verdict(self):
         """What is odd about the landmarks that are set, in words."""
@@ -204,12 +208,15 @@ class LandmarkPicker(Page):
             )
         return f"{len(self.landmarks)} of {len(self.names)} set; they agree with a face."
 
+    def _on_top(self, dot):
+        return dot[0] in self.names, dot[0] == self.wanted
+
     def _drawn_map(self):
         """The 68 landmarks on a face as a drawing, the one that is asked for marked."""
         P = np.array([self._typical[n][:2] for n in MULTI_PIE]) * [1, -1]
         low, size = P.min(axis=0) - 8, np.ptp(P, axis=0) + 16
         dots = []
-        for name, (x, y) in zip(MULTI_PIE, P, strict=True):
+        for name, (x, y) in sorted(zip(MULTI_PIE, P, strict=True), key=self._on_top):
             radius, color = 1.6, "#b9b4ad"
             if name in self.names:
                 radius, color = 3.0, "#12406b" if name in self.landmarks else "#7d776f"
