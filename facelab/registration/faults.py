@@ -4,6 +4,8 @@ A true peak and a stray marker can lie equally far from where the others lead th
 fewer markers there are. But skin moves smoothly in time, and a stray one jumps: away, and back.
 """
 
+from itertools import combinations
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -12,6 +14,7 @@ from facelab.registration.layout import MarkerLayout
 
 _LEAST = 4.0  # mm; no jump is smaller: five times what noise of 0.3 mm an axis makes in one frame
 _PAIR = 25.0  # mm; exchanges are looked for this far, or as far as the neighbours of a marker are
+_SURE = 0.6  # of the smallest jump: a change that is none for sure
 _LEARNED = 4096  # frames that the motion of each marker is learned from
 _LONGEST = 1.0  # s that a marker may stray and still be known by its return
 _LOOK_BACK = 60  # stretches of a track between jumps, that a later one may follow on
@@ -67,20 +70,41 @@ def find_swaps(layout, moved):
         here = without[:, [i, j]] + rest[[i, j]]
         without[:, [i, j]] = np.nan
         led = layout.filled(without)[:, [i, j]] + rest[[i, j]]
-        as_is = ((here - led) ** 2).sum(axis=(1, 2))
-        exchanged = ((here[:, ::-1] - led) ** 2).sum(axis=(1, 2))
-        better = exchanged < 0.25 * as_is
-        for frame, ratio in zip(frames[better], (exchanged / as_is)[better], strict=True):
-            waiting.setdefault(int(frame), []).append((float(ratio), i, j))
+        for frame, ratio in _better_exchanged(here, led, frames.tolist()):
+            waiting.setdefault(frame, []).append((ratio, i, j))
+    found = _settled(waiting)
+    for (i, j), at in found.items():
+        _exchange(rest, moved, at, i, j)
+    return found
+
+
+def _better_exchanged(here, led, frames):
+    """Frames in which two markers fit where they are led to far better exchanged, and how well.
+
+    `here` and `led` are places, of shape (n_frames, 2, 3).
+    """
+    as_is = ((here - led) ** 2).sum(axis=(1, 2))
+    exchanged = ((here[:, ::-1] - led) ** 2).sum(axis=(1, 2))
+    better = np.flatnonzero(exchanged < 0.25 * as_is)
+    return [(frames[k], float(exchanged[k] / as_is[k])) for k in better]
+
+
+def _settled(waiting):
+    """Of the exchanges (ratio, i, j) possible in each frame, the best: frames by pair."""
     found = {}
     for frame in sorted(waiting):
         busy = set()
         for _, i, j in sorted(waiting[frame]):
             if not busy & {i, j}:
                 busy |= {i, j}
-                moved[frame, [i, j]] = (moved[frame, [i, j]] + rest[[i, j]])[::-1] - rest[[i, j]]
                 found.setdefault((i, j), []).append(frame)
     return found
+
+
+def _exchange(rest, moved, frames, i, j):
+    """Displacements of two markers whose names were exchanged, put back in place."""
+    at = np.ix_(frames, [i, j])
+    moved[at] = (moved[at] + rest[[i, j]])[:, ::-1] - rest[[i, j]]
 
 
 def _pairs(rest):
@@ -164,25 +188,47 @@ class StrayJudge:
         Returns
         -------
         stray : ndarray of bool, shape (n_frames, n_markers)
+        swaps : dict of (int, int) to list of int
+            The frames in which two of them were each in the other's place: they are put back.
         full : ndarray of shape (n_frames, n_markers, 3)
             `moved` as it was given, filled.
         """
         full = self.layout.filled(moved)
         e = self.layout.left_out(full)
         e[np.isnan(moved)] = np.nan
-        stray = self._jumped(moved, e)
+        stray, swaps = self._jumped(moved, e), {}
         if stray.any():
             # they moved the head, and what their neighbours are judged by: once more without them
             d = moved.copy()
             self._without(stray, d, e)
             stray = self._jumped(d, e)
+            swaps = self._exchanged(stray, d, e)
+            for (i, j), frames in swaps.items():
+                stray[np.ix_(frames, [i, j])] = False
+                _exchange(self.layout.fit.rest, moved, frames, i, j)
             moved[stray] = np.nan
         frames = np.flatnonzero((_size(e) > self.limit).any(axis=1) | stray.any(axis=1))
         if frames.size:
             part = moved[frames]
             stray[frames] |= self._beyond(part)
             moved[frames] = part
-        return stray, full
+        return stray, swaps, full
+
+    def _exchanged(self, stray, d, e, most=12):
+        """Strays that are in each other's places, however far apart: frames by pair."""
+        rest = self.layout.fit.rest
+        count = stray.sum(axis=1)
+        waiting = {}
+        for frame in np.flatnonzero((count >= 2) & (count <= most)).tolist():
+            for i, j in combinations(np.flatnonzero(stray[frame]).tolist(), 2):
+                waiting.setdefault((i, j), []).append(frame)
+        found = {}
+        for (i, j), frames in waiting.items():
+            here = d[frames][:, [i, j]] + rest[[i, j]]
+            led = here - e[frames][:, [i, j]]
+            for frame, ratio in _better_exchanged(here, led, frames):
+                found.setdefault(frame, []).append((ratio, i, j))
+        return _settled(found)
 
     def _without(self, stray, d, e):
         """Displacements and distances from where the others lead, had some never been there.
@@ -211,7 +257,7 @@ class StrayJudge:
         both = seen & (before >= 0)
         marker = np.arange(d.shape[1])
         step = np.fmin(_size(d - d[before, marker]), _size(e - e[before, marker]))
-        cut = both & (step > self.step * np.sqrt(frame - before))
+        cut = both & (step > _SURE * self.step * np.sqrt(frame - before))
         stray = np.zeros(seen.shape, dtype=bool)
         for m in np.flatnonzero(cut.any(axis=0)):
             at = np.flatnonzero(seen[:, m])
@@ -235,7 +281,8 @@ class StrayJudge:
             p = np.arange(max(0, s - _LOOK_BACK), s)
             ends, here = stops[p], starts[s]
             step = np.minimum(_size(d[here] - d[ends]), _size(e[here] - e[ends]))
-            jump = step > self.step[marker] * np.sqrt(at[here] - at[ends])
+            step /= self.step[marker] * np.sqrt(at[here] - at[ends])
+            jump = np.clip((step - _SURE) / (1 - _SURE), 0, 1)
             total = best[p] + cost[s] - cost[p + 1] + broken * jump
             k = int(total.argmin())
             if total[k] < best[s]:

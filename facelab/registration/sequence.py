@@ -324,15 +324,18 @@ class _Take:
         self.n_samples += int(np.isfinite(positions[..., 0]).sum())
         found = self.judge.judge(positions)
         pairs = find_swaps(self.fit.layout, found.moved)
-        for pair, frames in pairs.items():
-            self.swaps.setdefault(pair, []).extend(part.start + f for f in frames)
+        self._note_swaps(part, part.start, pairs)
         self.seen[part] = np.isfinite(found.moved[..., 0])
         self.full[part] = found.moved
         self._keep_head(part, found.head)
         self.why[part], self.amount[part] = found.why, found.amount
         self._note_strays(part.start, found.far, found.distance)
-        for frames in pairs.values():  # the head was found with their names exchanged
-            self.swapped[part.start + np.array(frames)] = True
+
+    def _note_swaps(self, part, first, pairs):
+        for pair, frames in pairs.items():
+            at = [first + f for f in frames if part.start <= first + f < part.stop]
+            self.swaps.setdefault(pair, []).extend(at)
+            self.swapped[at] = True  # the head was found with their names exchanged
 
     def _note_strays(self, first, mask, distance):
         self.strays.append(np.argwhere(mask) + [first, 0])
@@ -350,7 +353,8 @@ class _Take:
         core = slice(part.start - first, part.stop - first)
         moved = np.where(self.seen[wide, :, None], self.full[wide], np.nan).astype(float)
         before = moved[core].copy()
-        stray, full = self.strayed.find(moved)
+        stray, swaps, full = self.strayed.find(moved)
+        self._note_swaps(part, first, swaps)
         stray, full, moved = stray[core], full[core], moved[core]
         count = np.isfinite(before[..., 0]).sum(axis=1)
         many = (3 * stray.sum(axis=1) > count) & (count > 0)
@@ -403,7 +407,7 @@ class _Take:
         names, found = self.fit.names, []
         for pair, frames in self.swaps.items():
             both = tuple(names[i] for i in pair)
-            found += [Fault("swap", a, b, both) for a, b in _stretches(np.array(frames))]
+            found += [Fault("swap", a, b, both) for a, b in _stretches(np.sort(frames))]
         stray = np.concatenate(self.strays)
         for marker in np.unique(stray[:, 1]).tolist():
             frames = np.sort(stray[stray[:, 1] == marker, 0])
