@@ -326,6 +326,28 @@ def check_like(alignment, name):
     check_scale(alignment.scale, name)
 
 
+def unit_of(scale):
+    """The unit of lengths in which a face is so much smaller than in millimetres, or None.
+
+    Parameters
+    ----------
+    scale : float
+        How much larger a face in millimetres is than the data.
+
+    Returns
+    -------
+    (factor, name) : (float, str), or None
+        Lengths times the factor are millimetres. None if no unit is near.
+
+    Examples
+    --------
+    >>> unit_of(950.0)
+    (1000.0, 'metres')
+    """
+    near = min(_UNITS, key=lambda u: abs(np.log(scale / u)))
+    return (near, _UNITS[near]) if abs(np.log(scale / near)) < 0.3 else None
+
+
 def check_scale(scale, name):
     """Refuse data in other units than millimetres.
 
@@ -344,10 +366,10 @@ def check_scale(scale, name):
     """
     if 0.5 <= scale <= 2:
         return
-    near = min(_UNITS, key=lambda u: abs(np.log(scale / u)))
-    guess = f" It looks like {_UNITS[near]}: multiply by {near:g}."
-    close = abs(np.log(scale / near)) < 0.3
+    unit = unit_of(scale)
+    guess = "Scale it to millimetres first."
+    if unit:
+        guess = f"It looks like {unit[1]}: multiply by {unit[0]:g}."
     raise ValueError(
-        f"{name}: {1 / scale:.4g} times the size of the face; millimetres are needed."
-        f"{guess if close else ' Scale it to millimetres first.'}"
+        f"{name}: {1 / scale:.4g} times the size of the face; millimetres are needed. {guess}"
     )

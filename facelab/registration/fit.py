@@ -30,10 +30,11 @@ from facelab.registration.scan import check_scan, on_border, without_scraps, wou
 from facelab.registration.warp import GLUED, PRESETS, SEEN, Preset, relaxed, rows, sliding
 
 _NEEDED = 6  # landmarks, for a warp in three directions that is not exact by chance
+_ELSEWHERE = 1000.0  # mm; what lies farther off is no marker of a face
 _GHOST = 3.0  # mm; a marker nearer to the surface is believed in any case
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Fit:
     """A template fitted to a face.
 
@@ -104,7 +105,7 @@ class Fit:
         return dict(zip(self.landmarks, off.tolist(), strict=True))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MarkerFit(Fit):
     """A template fitted to the markers of a face at rest: `Fit`, and where the markers sit.
 
@@ -230,7 +231,10 @@ def _warped(template, positions, named, preset, label, height=0.0, normals=None)
     data = [named[n] for n in known]
     target = positions[data]
     both = None if normals is None else (template.normals[marks], normals[data])
-    judged = check_landmarks(source, target, known, label, both)
+    anywhere = list(template.landmarks.values())
+    home = template.vertices[anywhere] + height * template.normals[anywhere]
+    home = dict(zip(template.landmarks, home, strict=True))
+    judged = check_landmarks(source, target, known, label, both, home)
     doubted = [
         f"{known[i]} ({judged.off[i]:.0f} mm)" for i in np.flatnonzero(judged.doubt > DOUBTED)
     ]
@@ -274,8 +278,15 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
     Raises
     ------
     ValueError
-        If six landmarks or more are not among the names, for mirrored data, other units than
-        millimetres, or a landmark far from where the others put it.
+        If six landmarks or more are not among the names; for mirrored data, other units than
+        millimetres, exchanged sides, names in another order, or landmarks far from where the
+        others put them, by name; for a marker more than a metre from the face; and for a result
+        that is no face.
+
+    Warns
+    -----
+    UserWarning
+        For a landmark rather far from where the others put it, and for a surface that folds.
 
     Examples
     --------
@@ -314,6 +325,13 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
     named = {name: i for i, name in enumerate(names)}
     rigid, known, steps = _warped(template, positions, named, preset, "the markers", offset)
     rest = rigid.apply(positions)
+    away = np.abs(rest - np.median(rest, axis=0)).max(axis=1)
+    if away.max() > _ELSEWHERE:
+        shown = [f"{names[i]} ({away[i]:.3g} mm)" for i in np.flatnonzero(away > _ELSEWHERE)]
+        raise ValueError(
+            f"the markers: {', '.join(shown)} lie(s) more than a metre from the face; leave it "
+            "out, or mark it as not seen (NaN)."
+        )
     fixed = np.array([named[name] for name in known])
     free = np.setdiff1d(np.arange(len(names)), fixed)
     star = [np.flatnonzero((template.faces == template.landmarks[n]).any(axis=1)) for n in known]
@@ -375,7 +393,14 @@ def fit_scan(template, scan, landmarks=None, preset="balanced"):
     Raises
     ------
     ValueError
-        As `fit_markers`.
+        As `fit_markers`, and if next to nothing of the template finds its place on the scan.
+
+    Warns
+    -----
+    UserWarning
+        For triangles wound inwards, which are turned over; for small loose pieces without a
+        landmark, which are left out; if less than half of the template is drawn to the scan; and
+        as `fit_markers`.
 
     Examples
     --------

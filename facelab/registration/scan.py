@@ -58,7 +58,7 @@ def without_scraps(scan, marks):
     of_face = piece[scan.faces[:, 0]]
     area = np.bincount(of_face, scan.face_areas, minlength=piece.max() + 1)
     scrap = area < _SCRAP * area.max()
-    scrap[piece[np.asarray(marks)]] = False
+    scrap[piece[np.asarray(marks, dtype=int)]] = False
     gone = scrap[of_face]
     if not gone.any():
         return scan
