@@ -139,7 +139,8 @@ def mouth_points(a, loop, theta):
         return np.stack([x, yy, zz + swell + tubercle], -1)
     if loop == "contact":
         return np.stack([x, line + gap, z_line + 0.4 * thin], -1)
-    roll_y = np.where(upper, 1.2, -1.2) * thin
+    # both slope down behind the line where the lips meet, so that nothing shows between them
+    roll_y = np.where(upper, 2.0 * s**4 - 0.2, -2.0) * (1.0 - s**2)
     return np.stack([x, line + 2.2 * gap + roll_y, z_line - 3.8 * (0.45 + 0.55 * thin)], -1)
 
 
@@ -230,6 +231,7 @@ def eye_points(a, loop, theta):
     x, y = x + travel * out[:, 0], y + travel * out[:, 1]
     if loop == "tuck":  # the web of the inner canthus (caruncle) covers the edge of the ball
         x = x + (1 - s) ** 8 * (eyeball_centre(a)[0] - 0.83 * a.eyeball_radius - inner[0])
+        x = x + s**8 * (eyeball_centre(a)[0] + 1.03 * a.eyeball_radius - outer[0])
     # away from the margin the lid leaves the ball more and more for the rim of the orbit
     leaves = {"tarsus": (0.72, 1.0, 4), "crease": (0.62, 0.8, 3)}
     limb, slope, power = leaves.get(loop, (0.8, 1.25, 5))
@@ -242,7 +244,7 @@ def eye_points(a, loop, theta):
         own = _ball_depth(a, corner[0], corner[1], a.eyeball_radius + radius.mean(), limb, slope)
         z = z + near * (corner[2] + deep - own)
     # but never into it
-    above = {"margin": 1.2, "tarsus": 1.4, "crease": 1.4}.get(loop, 0.5)
+    above = {"tuck": 0.6, "back_edge": 0.45}.get(loop, 1.2 if loop == "margin" else 1.4)
     ball = (a.eyeball_radius + above) ** 2 - (x - eyeball_centre(a)[0]) ** 2 - y**2
     z = np.maximum(z, np.sqrt(np.maximum(ball, 0.0)))
     return np.stack([x, y, z], -1)
