@@ -177,9 +177,8 @@ MUSCLES = {
     ),
 }  # fmt: skip
 
-# Units that leave closed lips closed: the muscles at both rims move them alike.
-_SEALED = ("AU12", "AU13", "AU14", "AU15", "AU17", "AU18", "AU20", "AU23", "AU24", "AU28", "AU34",
-           "AU35")  # fmt: skip
+# Units that part the lips; all others leave closed lips closed: both rims move alike.
+_PARTING = ("AU9", "AU10", "AU11", "AU16", "AU22", "AU25", "AU26", "AU27")
 
 # Bulging: thickness of the tissue, mm, that swells by the area which the skin above it loses.
 _TISSUE = 9.0
@@ -210,9 +209,11 @@ def _muscle_fields(skin, template, style, contact):
         else:
             field = share * field
             field = field + (field * flip)[mirror] + lips
-        if name in _SEALED:
+        if name not in _PARTING:
             contact.seal(field)
         field = field + _bulge(skin, field, style)
+        if name not in _PARTING:  # lips swell apart, too
+            contact.seal(field)
         for side, other in zip(sides, (field, (field * flip)[mirror]), strict=False):
             by_unit[side] = other
     still = np.zeros_like(skin.vertices)

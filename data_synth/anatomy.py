@@ -110,7 +110,7 @@ class Anatomy:
     philtrum_width: float = 11.0  # cph-cph, between the peaks of Cupid's bow
     cupids_bow: float = 1.3  # peaks over labrale superius
     philtrum_depth: float = 1.0
-    lip_gap: float = 0.35  # between the lips at rest
+    lip_gap: float = 0.2  # between the lips at rest
 
     # --- soft tissue ----------------------------------------------------------------------
     malar_prominence: float = 0.0  # cheekbone, extra
@@ -183,7 +183,7 @@ _SPECIAL_LIMITS = {
     "brow_tail_drop": (0.0, 11.0), "brow_ridge": (-3.0, 4.0), "nose_tip_height": (5.0, 16.0),
     "rhinion_convexity": (-3.0, 4.0), "columella_show": (0.0, 5.0), "alar_bulge": (0.0, 2.5),
     "nostril_depth": (2.0, 9.0), "cheilion_depth": (10.0, 26.0), "cheilion_drop": (-2.0, 4.0),
-    "cupids_bow": (0.0, 3.0), "philtrum_depth": (0.0, 2.5), "lip_gap": (0.2, 3.0),
+    "cupids_bow": (0.0, 3.0), "philtrum_depth": (0.0, 2.5), "lip_gap": (0.1, 3.0),
     "malar_prominence": (-5.0, 5.0), "cheek_fullness": (-7.0, 7.0), "temple_hollow": (-4.0, 6.0),
     "nasolabial_fold": (-0.5, 3.0), "marionette_fold": (-0.5, 2.5), "jowl": (-2.0, 6.0),
     "gonial_flare": (-5.0, 6.0), "submental_fullness": (-4.0, 8.0), "chin_cleft": (0.0, 2.0),

@@ -37,6 +37,8 @@ LIDS = {
     "AU4": (0.95, 1.0), "AU5": (1.28, 1.08), "AU6": (0.96, 0.72), "AU7": (0.84, 0.4),
     "AU9": (0.93, 0.75), "AU12": (1.0, 0.94), "AU45": (0.0, 0.0),
 }  # fmt: skip
+_LID_GAP = 0.12  # mm between the margins of closed lids
+_LIP_GAP = 0.1  # mm between lips that touch, or less where they are nearer at rest
 
 
 class Jaw:
@@ -133,9 +135,11 @@ class Lids:
             at_high = (skin.vertices[upper] - self.centre) @ self.across
             at_low = (skin.vertices[lower] - self.centre) @ self.across
             if edge != "lid_inner":
-                share = style.lower_lid
-                down = (1.0 - share) * (np.interp(at_high, at_low, low) - high)
-                rise = share * (np.interp(at_low, at_high, high) - low)
+                room = _LID_GAP / self.radius  # closed lids touch, they do not cut into each other
+                down = np.maximum(high - np.interp(at_high, at_low, low) - room, 0.0)
+                rise = np.maximum(np.interp(at_low, at_high, high) - low - room, 0.0)
+                down *= self._share(at_high, style.lower_lid) - 1.0
+                rise *= self._share(at_low, style.lower_lid)
                 margin = at_high, down, at_low, rise
             else:  # the inner edge follows the margin
                 down, rise = np.interp(at_high, *margin[:2]), np.interp(at_low, *margin[2:])
@@ -147,8 +151,13 @@ class Lids:
         values = np.vstack(values)[first]
         fixed = np.setdiff1d(self._fixed(skin), given)
         return skin.fill(
-            np.concatenate([given, fixed]), np.vstack([values, np.zeros((len(fixed), 2))]), order=1
+            np.concatenate([given, fixed]), np.vstack([values, np.zeros((len(fixed), 2))]), order=2
         )
+
+    @staticmethod
+    def _share(at, middle):
+        """Share of the lower lid in closing, along it: half at the canthi, so that none hooks."""
+        return middle + (0.5 - middle) * np.abs(2.0 * (at - at[0]) / (at[-1] - at[0]) - 1.0) ** 3
 
     def _fixed(self, skin):
         """Vertices that the lids do not move: brow and above, cheek, nose, the other eye."""
@@ -196,6 +205,8 @@ class Contact:
         self.rims = skin.curves["upper_lip_inner"], skin.curves["lower_lip_inner"]
         self.give = style.lip_give, 1.0 - style.lip_give
         self.spread = [self._spread(skin, rim, lip) for lip, rim in enumerate(self.rims)]
+        rest = self.overlap(*(skin.vertices[None, rim] for rim in self.rims), room=(1.0, 1.0))
+        self.room = tuple(np.clip(1.0 - push[0], 0.0, _LIP_GAP) for push in rest)
 
     @staticmethod
     def _spread(skin, rim, lip):
@@ -210,16 +221,17 @@ class Contact:
 
     def seal(self, field):
         """Let both rims move alike in a displacement field (n_vertices, 3) that would part them."""
-        part = np.maximum((field[self.rims[0]] - field[self.rims[1]])[:, 1], 0.0)
-        field[:, 1] -= self.give[0] * part @ self.spread[0]
-        field[:, 1] += self.give[1] * part @ self.spread[1]
+        part = field[self.rims[0]] - field[self.rims[1]]
+        part[:, 1] = np.maximum(part[:, 1], 0.0)  # what presses them together, `apply` answers
+        for lip, sign in ((0, -1.0), (1, 1.0)):
+            field += sign * self.give[lip] * (self.spread[lip].T @ part)
 
     def apply(self, X, vertices, rims):
         """Part the lips of X in place, given the rims' positions, two (n_frames, n_rim, 3)."""
         rims = [rim.copy() for rim in rims]
         way = [np.zeros(rim.shape[:2]) for rim in rims]
         for _ in range(4):  # each round shares out what is left of the overlap
-            push = self.overlap(*rims)
+            push = self.overlap(*rims, self.room)
             if not any(p.any() for p in push):
                 break
             for lip, sign in ((0, 1.0), (1, -1.0)):
@@ -231,12 +243,16 @@ class Contact:
                 X[..., 1] += way[lip] @ self.spread[lip][:, vertices]
 
     @staticmethod
-    def overlap(upper, lower):
-        """How far each rim vertex is beyond the other rim, mm: two (n_frames, n_rim)."""
+    def overlap(upper, lower, room):
+        """How far each rim vertex is nearer to the other rim than `room`, or beyond it, mm.
+
+        All of them come in two: (n_frames, n_rim, 3) the rims, (n_rim,) or a number the room,
+        (n_frames, n_rim) the result.
+        """
         push = np.zeros(upper.shape[:2]), np.zeros(lower.shape[:2])
         near = (upper[:, 1:-1, 1] - lower[:, 1:-1, 1]).min(1) < 2.0
         for f in np.flatnonzero(near):
             (xu, yu), (xl, yl) = upper[f, :, :2].T, lower[f, :, :2].T
-            push[0][f] = np.maximum(np.interp(xu, xl, yl) - yu, 0.0)
-            push[1][f] = np.maximum(yl - np.interp(xl, xu, yu), 0.0)
+            push[0][f] = np.maximum(np.interp(xu, xl, yl) + room[0] - yu, 0.0)
+            push[1][f] = np.maximum(yl + room[1] - np.interp(xl, xu, yu), 0.0)
         return push

@@ -15,7 +15,7 @@ def nose_points(a):
     tip, wing = 0.5 * a.nose_tip_width, 0.5 * a.nose_width
     p = tip_forward(a) / 18.5
     rise = a.nose_tip_height / 12.0
-    crease = wing * 1.05, sn_y + 5.6, sn_z - 11.5 * p
+    crease = wing * 1.0, sn_y + 5.6, sn_z - 11.5 * p
     front = crease[2] + a.alar_length * p
     (_, z_n), (y_d, z_d), (y_r, z_r) = mid["nasion"], mid["mid_dorsum"], mid["rhinion"]
     (y_s, z_s), (y_p, z_p) = mid["supratip"], mid["pronasale"]
@@ -40,12 +40,12 @@ def nose_points(a):
         ("dome_low", (0.55 * tip, y_p - 5.6 * rise, z_p - 3.6), (5, -36.8)),
         ("dome_side", (1.1 * tip, y_p + 0.6, z_p - 7.0), (11, -30.5)),
         ("soft_triangle", (0.88 * tip, sn_y + 6.0, z_p - 7.6), (9, -36.4)),
-        ("alar_groove", (0.62 * wing, sn_y + 13.2, front + 2.6), (14.2, -29)),
-        ("alar_groove_top", (0.78 * wing, sn_y + 14.0, crease[2] + 6.2), (17.3, -29.5)),
+        ("alar_groove", (0.62 * wing, sn_y + 13.0, front + 1.8), (14.2, -29)),
+        ("alar_groove_top", (0.78 * wing, sn_y + 13.6, crease[2] + 5.2), (17.3, -29.5)),
         ("alar_groove_back", (0.95 * wing, sn_y + 11.6, crease[2] + 1.6), (20.3, -32)),
         ("ala_front", (0.80 * wing + 0.6 * bulge, sn_y + 8.0, front + 2.2), (15.2, -34)),
-        ("ala", (0.97 * wing + 0.4 * bulge, sn_y + 5.2, crease[2] + 6.0), (19.2, -38)),
-        ("ala_top", (0.90 * wing + 0.6 * bulge, sn_y + 9.8, crease[2] + 8.4), (18, -33.8)),
+        ("ala", (0.98 * wing + 0.4 * bulge, sn_y + 5.2, crease[2] + 6.0), (19.2, -38)),
+        ("ala_top", (0.91 * wing + 0.6 * bulge, sn_y + 9.6, crease[2] + 8.0), (18, -33.8)),
         ("alar_crease", crease, (22.5, -39.5)),
         ("alar_base", (0.9 * wing, sn_y - 0.8, crease[2] + 2.4), (20.5, -47)),
         ("ala_back_low", (0.99 * wing, sn_y + 1.6, crease[2] + 3.4), (21.3, -43)),
@@ -139,7 +139,8 @@ def mouth_points(a, loop, theta):
         return np.stack([x, yy, zz + swell + tubercle], -1)
     if loop == "contact":
         return np.stack([x, line + gap, z_line + 0.4 * thin], -1)
-    roll_y = np.where(upper, 1.2, -1.2) * thin
+    # both slope down behind the line where the lips meet, so that nothing shows between them
+    roll_y = np.where(upper, 2.0 * s**4 - 0.2, -2.0) * (1.0 - s**2)
     return np.stack([x, line + 2.2 * gap + roll_y, z_line - 3.8 * (0.45 + 0.55 * thin)], -1)
 
 
@@ -164,8 +165,10 @@ def nostril_points(a, loop, theta):
     lateral = np.array([0.21 * wing, -0.5, -0.6])
     share = NOSTRIL_LOOPS[loop][1]
     shrink = 1.0 - 0.55 * share**2
-    up = np.array([0.0, 1.0, 0.1]) * a.nostril_depth * share
     c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
+    # the roof rises from the sill to the front: it faces down, and so reads dark in any light
+    rise = a.nostril_depth * share * (0.5 + 0.5 * c * shrink)
+    up = np.array([0.0, 1.0, 0.0]) * rise
     return 0.5 * (sill + apex) + up + shrink * (0.5 * c * (apex - sill) + s * lateral)
 
 
@@ -230,6 +233,7 @@ def eye_points(a, loop, theta):
     x, y = x + travel * out[:, 0], y + travel * out[:, 1]
     if loop == "tuck":  # the web of the inner canthus (caruncle) covers the edge of the ball
         x = x + (1 - s) ** 8 * (eyeball_centre(a)[0] - 0.83 * a.eyeball_radius - inner[0])
+        x = x + s**8 * (eyeball_centre(a)[0] + 1.03 * a.eyeball_radius - outer[0])
     # away from the margin the lid leaves the ball more and more for the rim of the orbit
     leaves = {"tarsus": (0.72, 1.0, 4), "crease": (0.62, 0.8, 3)}
     limb, slope, power = leaves.get(loop, (0.8, 1.25, 5))
@@ -242,7 +246,7 @@ def eye_points(a, loop, theta):
         own = _ball_depth(a, corner[0], corner[1], a.eyeball_radius + radius.mean(), limb, slope)
         z = z + near * (corner[2] + deep - own)
     # but never into it
-    above = {"margin": 1.2, "tarsus": 1.4, "crease": 1.4}.get(loop, 0.5)
+    above = {"tuck": 0.6, "back_edge": 0.45}.get(loop, 1.2 if loop == "margin" else 1.4)
     ball = (a.eyeball_radius + above) ** 2 - (x - eyeball_centre(a)[0]) ** 2 - y**2
     z = np.maximum(z, np.sqrt(np.maximum(ball, 0.0)))
     return np.stack([x, y, z], -1)

@@ -31,9 +31,9 @@ def _loops(anatomy):
 
     f = features
     for group, loops, layout, points, theta, give in (
-        ("mouth", f.MOUTH_LOOPS, f.mouth_layout, f.mouth_points, np.linspace(0, np.pi, 21), 0.0),
-        ("nostril", f.NOSTRIL_LOOPS, f.nostril_layout, f.nostril_points, around(10), 0.5),
-        ("eye", f.EYE_LOOPS, f.eye_layout, f.eye_points, around(28), 0.0),
+        ("mouth", f.MOUTH_LOOPS, f.mouth_layout, f.mouth_points, np.linspace(0, np.pi, 41), 0.0),
+        ("nostril", f.NOSTRIL_LOOPS, f.nostril_layout, f.nostril_points, around(16), 0.5),
+        ("eye", f.EYE_LOOPS, f.eye_layout, f.eye_points, around(56), 0.0),
     ):
         for loop in loops:
             for place, point in zip(layout(loop, theta), points(anatomy, loop, theta), strict=True):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from crossings import angles, self_intersections
 
 from data_synth.action_units import ActionUnitRig, actor_rig
 from data_synth.actors import ACTORS, Style
@@ -17,6 +18,8 @@ PRESSING = (
     ("AU12L", "AU15", "AU17"), ("AU18", "AU24"), ("AU23", "AU15", "AU17", "AU20L"),
     ("AU30L", "AU12R", "AU17"), ("AU29", "AU24"),
 )  # fmt: skip
+CLOSED = ("AU4", "AU6", "AU12", "AU13", "AU14", "AU15", "AU17", "AU18", "AU20", "AU23", "AU24",
+          "AU28", "AU29", "AU34", "AU35", "AU38", "AU45")  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -128,8 +131,26 @@ def to_polyline(points, line):
 def test_lids_close_until_they_meet(rig, actor, side):
     rig = actor_rig(actor) if actor else rig
     X = rig.shape({"AU45" + side[0].upper(): 1.0})
-    upper, lower = (X[rig.template.curves[f"{lid}_lid_{side}"]] for lid in ("upper", "lower"))
-    assert max(to_polyline(upper, lower).max(), to_polyline(lower, upper).max()) < 0.5
+    for edge in ("lid", "lid_back"):
+        upper, lower = (
+            X[rig.template.curves[f"{lid}_{edge}_{side}"]] for lid in ("upper", "lower")
+        )
+        assert max(to_polyline(upper, lower).max(), to_polyline(lower, upper).max()) < 0.3
+
+
+@pytest.mark.parametrize("actor", [None, *ACTORS])
+def test_closed_lids_neither_pinch_nor_cut_into_each_other(rig, actor):
+    rig = actor_rig(actor) if actor else rig
+    X, F = rig.shape({"AU45": 1.0}), rig.neutral.faces
+    half = F[(X[F, 0] >= 0.0).all(1)]
+    assert np.mean(angles(X, half).min(1) >= 15.0) > 0.99
+    # none, but for the folded skin behind the inner corner of the eye
+    assert len(self_intersections(X, half)) < 0.003 * len(half)
+    line = X[rig.template.curves["upper_lid_left"]][1:-1]
+    steps = np.diff(line, axis=0)
+    steps /= np.linalg.norm(steps, axis=1)[:, None]
+    turn = np.degrees(np.arccos(np.clip((steps[1:] * steps[:-1]).sum(1), -1.0, 1.0)))
+    assert turn.max() < 20.0  # no hook at a canthus
 
 
 def test_lids_never_enter_the_eyeball(rig, shapes):
@@ -161,21 +182,37 @@ def test_lids_never_cross(rig, shapes):
 def test_closing_and_raising_the_lids_still_closes_them(rig):
     X = rig.shape({"AU45": 1.0, "AU5": 1.0, "AU7": 1.0})
     upper, lower = (X[rig.template.curves[f"{lid}_lid_left"]] for lid in ("upper", "lower"))
-    assert to_polyline(upper, lower).max() < 0.5
+    assert to_polyline(upper, lower).max() < 0.3
 
 
 # --- lips and skin --------------------------------------------------------------------------
 
 
+def lip_gaps(rig, W):
+    """Height of the upper lip's inner rim over the lower one's, (n_frames, n_rim - 2), mm."""
+    rims = [rig.template.curves[f"{lip}_lip_inner"] for lip in ("upper", "lower")]
+    order = np.unique(np.concatenate(rims))
+    gaps = []
+    for X in rig.animate(W, order):
+        upper, lower = (X[np.searchsorted(order, rim)] for rim in rims)
+        gaps.append(upper[1:-1, 1] - np.interp(upper[1:-1, 0], lower[:, 0], lower[:, 1]))
+    return np.array(gaps)
+
+
 @pytest.mark.parametrize("actor", [None, *ACTORS])
 def test_lips_do_not_pass_through_each_other(rig, weights, actor):
     rig = actor_rig(actor) if actor else rig
-    rims = [rig.template.curves[f"{lip}_lip_inner"] for lip in ("upper", "lower")]
-    order = np.unique(np.concatenate(rims))
-    for X in rig.animate(weights, order):
-        upper, lower = (X[np.searchsorted(order, rim)] for rim in rims)
-        gap = upper[:, 1] - np.interp(upper[:, 0], lower[:, 0], lower[:, 1])
-        assert gap.min() > -0.3  # mm
+    assert lip_gaps(rig, weights).min() > -0.05  # mm
+
+
+@pytest.mark.parametrize("actor", [None, *ACTORS])
+def test_closed_lips_meet_and_stay_closed(rig, actor):
+    rig = actor_rig(actor) if actor else rig
+    closed = [rig.weights_of({})]
+    closed += [rig.weights_of({unit: w}) for unit in CLOSED for w in (0.3, 0.7, 1.0)]
+    gaps = lip_gaps(rig, np.array(closed))
+    assert gaps.min() >= 0.0
+    assert gaps.max() < 0.3  # mm
 
 
 def test_lips_would_cross_without_contact(rig):
@@ -241,7 +278,7 @@ def test_units_that_pull_the_same_skin_saturate(rig):
     moved = rig.shape(weights)[corner] - rig.neutral.vertices[corner]
     summed = rig.linear().shape(weights)[corner] - rig.neutral.vertices[corner]
     strongest = np.linalg.norm(at(rig, "AU12L", "mouth_corner_left"))
-    assert strongest < np.linalg.norm(moved) < 0.9 * np.linalg.norm(summed)
+    assert strongest < np.linalg.norm(moved) < 0.92 * np.linalg.norm(summed)
 
 
 # --- the interface --------------------------------------------------------------------------
