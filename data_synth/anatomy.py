@@ -5,7 +5,7 @@ Lengths are millimetres, angles degrees.  Where the defaults come from differs:
 - breadths and heights of the face, eyes, nose and mouth are rounded adult averages as they
   are commonly quoted after Farkas, between the sexes and populations; they were not checked
   against his tables, so do not cite them as data;
-- depths, and everything of soft tissue, were set by hand, beside pictures of the scanned
+- depths, and everything of soft tissue, were set by hand, beside pictures of the generic
   neutral of ICT-FaceKit, all 68 of its landmark positions, and depths read off its skin on
   the forehead, temples, orbits, nose and jaw.  No number was fitted by a program, but
   because of this the agreement with that scan is not independent evidence of anything.

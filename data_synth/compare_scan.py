@@ -1,4 +1,4 @@
-"""Faces and action units against those of a scanned face.
+"""Faces and action units against those of the generic face of ICT-FaceKit.
 
 The scan is laid over the synthetic face by a similarity of the 68 landmarks and a smooth warp
 through them. At each synthetic vertex with a partner on the scan the two displacements are
@@ -21,7 +21,7 @@ from facelab.geometry.mesh import MULTI_PIE
 
 @dataclass(frozen=True)
 class Comparison:
-    """One action unit beside its counterpart on the scanned face.
+    """One action unit beside its counterpart on the generic face.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ def correspondence(rig, scan, reach=4.0):
 
 
 def distances(mesh, scan):
-    """How far a face lies from a scanned one, laid over it by a similarity of the 68 landmarks.
+    """How far a face lies from another one, laid over it by a similarity of the 68 landmarks.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ class Example:
 
 
 def load_example():
-    """The scanned face and two recorded takes, or a synthetic actor where they are not at hand.
+    """The generic face and two recorded takes, or a synthetic actor where they are not at hand.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def load_example():
     except DataUnavailable as missing:
         return _synthetic_example(str(missing))
     about = (
-        "REAL data: the scanned face of ICT-FaceKit, moved by two recorded takes of one performer "
+        "RECORDED motion: the generic face of ICT-FaceKit, moved by two takes of one performer "
         "(alex_rom_3 to learn from, alex_rom_4 to test)."
     )
     return Example(about, rig, train, test, props)

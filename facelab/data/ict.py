@@ -1,4 +1,4 @@
-"""Ready data: the scanned face of ICT-FaceKit and recorded performances to drive it.
+"""Ready data: the generic face of ICT-FaceKit and recorded performances to drive it.
 
 Each is looked for in this order: an argument, an environment variable, the cache; else it is
 downloaded once, with checksums. `python -m facelab.data` does that ahead of time.
@@ -48,7 +48,7 @@ def _ict_folder(root):
 
 
 def load_ict_facekit(root=None, area="narrow", n_identities=0):
-    """The scanned face of ICT-FaceKit: neutral, 68 landmarks, 53 expressions.
+    """The generic face of ICT-FaceKit: neutral, 68 landmarks, 53 expressions.
 
     The files are parsed once and kept in the cache.
 

@@ -1,6 +1,6 @@
 """The errors of notebook 04, as curves and a table: `python -m facelab.studies.generalisation`.
 
-Tena et al. 2011, section 5, Fig. 5, on the four synthetic actors and on a real face, against the
+Tena et al. 2011, section 5, Fig. 5, on the four synthetic actors and on a recorded performance, against the
 frames and against the truth behind them. What takes long is computed once and kept in the cache.
 """
 
@@ -173,7 +173,7 @@ def _unpacked(arrays):
 def real():
     """The same on a real face: trained on alex_rom_3, tested on alex_rom_4.
 
-    The scanned face of ICT-FaceKit, its 53 expressions moved by two recorded takes of one
+    The generic face of ICT-FaceKit, its 53 expressions moved by two recorded takes of one
     performer, 397 vertices, noise of 0.3 mm added. The takes differ, the face does not.
 
     Returns

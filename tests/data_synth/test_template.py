@@ -1,4 +1,4 @@
-"""The procedural face: topology, proportions, and likeness to a scanned neutral face."""
+"""The procedural face: topology, proportions, and likeness to the generic face."""
 
 import json
 import os
