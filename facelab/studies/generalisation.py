@@ -1,7 +1,8 @@
 """The errors of notebook 04, as curves and a table: `python -m facelab.studies.generalisation`.
 
 Tena et al. 2011, section 5, Fig. 5, on the four synthetic actors and on a recorded performance,
-against the frames and against the truth behind them. What takes long is computed once and kept in the cache.
+against the frames and against the truth behind them. What takes long is computed once and kept in
+the cache.
 """
 
 import argparse
