@@ -22,6 +22,15 @@ def _valid_mask(valid, n_frames):
     return valid
 
 
+def _finite(positions, block=256):
+    """Frames without NaN and infinite values; in blocks, for positions larger than the memory."""
+    finite = np.empty(len(positions), dtype=bool)
+    for first in range(0, len(positions), block):
+        part = slice(first, first + block)
+        finite[part] = np.isfinite(positions[part]).all(axis=(1, 2))
+    return finite
+
+
 def _refuse_doubled(names):
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
@@ -66,7 +75,8 @@ class MotionSequence(_Sequence):
     Parameters
     ----------
     positions : ndarray of shape (n_frames, n_vertices, 3)
-        Millimetres, head frame, head motion removed; float32 is kept as it is.
+        Millimetres, head frame, head motion removed; float32 is kept as it is, and so is a memory
+        map.
     fps : float
         Frames a second.
     mesh : TriangleMesh
@@ -100,7 +110,7 @@ class MotionSequence(_Sequence):
         if positions.dtype.kind != "f":
             positions = positions.astype(float)
         valid = _valid_mask(self.valid, len(positions))
-        bad = valid & ~np.isfinite(positions).all(axis=(1, 2))
+        bad = valid & ~_finite(positions)
         if bad.any():
             raise ValueError(
                 f"positions holds NaN or infinite values in {int(bad.sum())} frame(s), the first "

@@ -238,7 +238,7 @@ def _register_all(capture, step, progress):
         total=n_frames, desc=f"registering {capture.actor}", unit="frame", disable=not progress
     ) as bar:
         for name, take in takes.items():
-            registration = register_sequence(fit, take)
+            registration = register_sequence(fit, take, progress=False)
             frames = np.arange(0, take.n_frames, step)
             frames = frames[registration.valid[frames]]
             arrays[f"frames.{name}"] = frames

@@ -15,7 +15,7 @@ from facelab.registration.layout import MarkerLayout
 _LEAST = 4.0  # mm; no jump is smaller: five times what noise of 0.3 mm an axis makes in one frame
 _PAIR = 25.0  # mm; exchanges are looked for this far, or as far as the neighbours of a marker are
 _SURE = 0.6  # of the smallest jump: a change that is none for sure
-_LEARNED = 4096  # frames that the motion of each marker is learned from
+_LEARNED = 2048  # frames that the motion of each marker is learned from
 _LONGEST = 1.0  # s that a marker may stray and still be known by its return
 _LOOK_BACK = 60  # stretches of a track between jumps, that a later one may follow on
 

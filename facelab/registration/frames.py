@@ -178,12 +178,9 @@ class FrameJudge:
         extent = unit * np.ptp(scaled[seen], axis=0).max()
         if extent < 1e-6 * self.radius:
             return POINT, 0.0
-        if known == LINE:
+        if known == LINE or _flat(scaled[seen]) or _flat(self.rest[seen]):
             return LINE, 0.0
-        try:
-            like = procrustes(self.rest, scaled, scale=True)  # to the frame, whatever its size
-        except ValueError:
-            return LINE, 0.0
+        like = procrustes(self.rest, scaled, scale=True)  # to the frame, whatever its size
         size = unit * like.scale
         left = like.rms / max(like.scale, 1e-300)  # on the scale of the face
         if like.mirrored:
@@ -195,10 +192,16 @@ class FrameJudge:
         return PLACES, float(rigid.rms if rigid else extent)
 
 
+def _flat(points):
+    """Whether points are on one line."""
+    across = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return across[1] < 1e-3 * across[0]
+
+
 def _refuse(some, rest, n_frames):
     """Say what is wrong with a take in which no frame looked at shows the layout."""
     best = some[np.isfinite(some[..., 0]).sum(axis=1).argmax()]
-    if not rigid_motion(1e6 * best[None], rest).valid[0]:  # whatever the unit
+    if not rigid_motion(0 * best[None], rest).valid[0]:  # by which markers are seen
         raise ValueError(
             f"none of the {n_frames} frames has three markers that are not on one line; "
             "check that the take shows this layout."

@@ -510,8 +510,9 @@ def register_sequence(fit, markers, head="rigid", bridge=0.1, limit=None, progre
         for step in steps:
             if step == take.settle:
                 take.learn(markers.fps, limit)
-            for first in range(0, markers.n_frames, _BLOCK):
-                part = slice(first, min(first + _BLOCK, markers.n_frames))
+            block = 2 * _BLOCK if step == take.settle else _BLOCK  # which sees a margin, too
+            for first in range(0, markers.n_frames, block):
+                part = slice(first, min(first + block, markers.n_frames))
                 step(part)
                 bar.update(part.stop - first)
     longest = round(bridge * markers.fps)

@@ -11,7 +11,11 @@ from scipy.spatial import cKDTree
 
 from facelab.checks import check_number
 from facelab.motion import MarkerSequence
-from facelab.registration import register_sequence
+from facelab.registration import fit_markers, register_sequence, rest_markers
+
+STARTERS = ("chin", "nose_tip", "nose_bridge_1", "mouth_corner_left", "mouth_corner_right",
+            "lip_upper", "brow_left_1", "brow_right_1", "brow_left_5", "brow_right_5")  # fmt: skip
+"""Landmarks that thinned layouts keep, since the fit of a neutral starts from them."""
 
 
 class Planted(NamedTuple):
@@ -178,6 +182,74 @@ def measure(fit, spoiled, least=0.0, **options):
         _share(right, back),
         _share((thrown & true).sum(), true.sum()),
     )
+
+
+def by_spacing(template, takes, spacings, random_state=0, **options):
+    """Count over layouts from dense to sparse, each of them fitted anew.
+
+    Parameters
+    ----------
+    template : TriangleMesh
+        With landmarks.
+    takes : sequence of MarkerSequence
+        Of one actor, each starting at rest, and without faults: see `without_faults`.
+    spacings : sequence of float
+        Least distance of two markers, mm; 0 leaves the layout as it is.
+    random_state : int, default=0
+    **options
+        See `planted`.
+
+    Returns
+    -------
+    list of (float, int, Found)
+        Median distance of a marker from the three next to it, mm; number of markers; and the mean
+        over takes of what was found. To be found were strays of more than half that distance, and
+        more than 8 mm.
+    """
+    rest, names = rest_markers(takes)
+    rows = []
+    for spacing in spacings:
+        few = [thinned(take, rest, names, spacing, STARTERS) for take in takes]
+        fit = fit_markers(template, *rest_markers(few))
+        apart = float(np.median(_spacing(fit.rest)))
+        found = [
+            measure(fit, planted(take, random_state=random_state + k, **options), _least(apart))
+            for k, take in enumerate(few)
+        ]
+        rows.append((apart, len(fit.names), Found(*np.mean(found, axis=0).tolist())))
+    return rows
+
+
+def without_faults(capture, take):
+    """The markers of a take of a synthetic actor, exchanges put back and ghosts left out.
+
+    Parameters
+    ----------
+    capture : data_synth.capture.Capture
+    take : str
+
+    Returns
+    -------
+    MarkerSequence
+    """
+    markers, truth = capture.markers(take), capture.truth(take)
+    positions = markers.positions.copy()
+    for swap in truth.swaps:
+        frames = np.arange(swap.first, swap.stop)[:, None]
+        pair = [markers.names.index(swap.a), markers.names.index(swap.b)]
+        positions[frames, pair] = positions[frames, pair[::-1]]
+    ghosts = {ghost.name for ghost in truth.ghosts}
+    whole = MarkerSequence(positions, markers.names, markers.fps)
+    return whole.select([name for name in markers.names if name not in ghosts])
+
+
+def _spacing(rest):
+    return cKDTree(rest).query(rest, 4)[0][:, 1:].mean(axis=1)
+
+
+def _least(apart):
+    """Strays smaller than this do little harm and need not be found, mm."""
+    return max(8.0, apart / 2)
 
 
 def _share(part, whole):

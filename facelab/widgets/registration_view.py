@@ -82,7 +82,7 @@ class RegistrationView(Page):
 
     def _register(self, share):
         markers = self._given.with_gaps(share, random_state=0)
-        registration = register_sequence(self.actor.fit, markers)
+        registration = register_sequence(self.actor.fit, markers, progress=False)
         own = markers.select(self.actor.fit.names).positions
         self._markers = registration.head.to_head(own)
         self.registration = registration
