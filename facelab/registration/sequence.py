@@ -17,6 +17,7 @@ from tqdm.auto import tqdm
 from facelab.checks import check_choice, check_number
 from facelab.geometry.alignment import HeadMotion, rigid_motion
 from facelab.motion import MotionSequence
+from facelab.registration.confidence import expected_error
 from facelab.registration.faults import StrayJudge, find_swaps, runs
 from facelab.registration.fit import MarkerFit
 from facelab.registration.frames import FEW, REASONS, STRAYS, FrameJudge
@@ -167,18 +168,12 @@ class Registration:
 
     @cached_property
     def confidence(self):
-        """Expected error of the dense motion at each vertex, RMS, millimetres: (n_vertices,).
+        """Error of the dense motion that nine in ten vertices stay below: mm, (n_vertices,).
 
-        The spread of the field between markers, scaled by how well, nearby and in this take,
-        markers were foretold by the others. It does not know of errors in the neutral fit.
+        RMS over the take, of the motion from the neutral; see `expected_error`. It does not know
+        of errors in the neutral fit.
         """
-        layout, noise = self.fit.layout, self.fit.preset.noise
-        expected = noise * np.sqrt(3 / np.maximum(1 - np.diag(layout.smooth), 1e-9))
-        ratio = self.left_out_per_marker / expected
-        known = np.isfinite(ratio)
-        near = np.abs(layout.carry[:, known])
-        near = near / np.maximum(near.sum(axis=1, keepdims=True), 1e-12)
-        return np.sqrt(3) * layout.spread() * np.sqrt(near @ ratio[known] ** 2)
+        return expected_error(self.fit, self.left_out_per_marker)
 
     def positions(self, frames=None, vertices=None, block=256, out=None, progress=False):
         """Dense positions of some frames, head frame: float32, shape (n_frames, n, 3), mm.
