@@ -5,6 +5,7 @@ others. On the synthetic actors the skin is known, and markers are thinned out.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
@@ -19,7 +20,7 @@ from facelab.geometry.symmetry import mirror_weights, mirrored
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.motion import MotionSequence
-from facelab.registration import fit_markers, fit_scan, register_sequence, rest_markers
+from facelab.registration import MarkerFit, fit_markers, fit_scan, register_sequence, rest_markers
 from facelab.rig import BlendshapeRig
 from facelab.segmentation.segment import segment_face
 
@@ -54,18 +55,52 @@ def real_fit(template=None):
     return fit_markers(template, *rest_markers(list(takes.values()))), takes
 
 
+class FewMarkers(NamedTuple):
+    """A face seen by few markers, and its takes."""
+
+    fit: MarkerFit
+    takes: dict
+    """Take (MarkerSequence) by name."""
+    about: str
+    """What it is, real or synthetic, in a sentence."""
+    credit: str
+    """To be printed on every figure that shows it."""
+
+
+def load_few_markers(template, actor=None):
+    """The real capture, or a synthetic actor where it cannot be had: FewMarkers.
+
+    Parameters
+    ----------
+    template : TriangleMesh
+    actor : RegisteredActor, optional
+        Stands in, with as many markers; M1 if left out.
+    """
+    try:
+        fit, takes = real_fit(template)
+    except data.DataUnavailable as missing:
+        actor = data.load_registered("M1") if actor is None else actor
+        fit = thinned_fit(actor.fit, 41)
+        takes = {name: actor.capture.markers(name) for name in actor.names("train")[:2]}
+        about = f"SYNTHETIC: {actor.name} with 41 of the markers stands in. (Real data: {missing})"
+        return FewMarkers(fit, takes, about, "synthetic")
+    about = f"REAL: an optical capture of {len(fit.names)} markers, takes {', '.join(takes)}."
+    return FewMarkers(fit, takes, about, "CC BY-SA 4.0, Miguel Ramos Carretero")
+
+
 def moved_markers(fit, take, every=4):
     """Markers of a take from rest, the head's motion taken away: (n_frames, n_markers, 3), mm.
 
     Parameters
     ----------
     fit : MarkerFit
-        Of the same face; every marker of it is in the take and seen all through.
+        Of the same face; every marker of it is in the take.
     take : MarkerSequence
     every : int, default=4
-        Of how many frames one is looked at.
+        Of how many frames one is looked at; of those, the ones that show all markers.
     """
     positions = take.select(fit.names).positions[::every]
+    positions = positions[np.isfinite(positions).all(axis=(1, 2))]
     some = positions[np.linspace(0, len(positions) - 1, min(len(positions), 200)).astype(int)]
     head = rigid_motion(positions, fit.rest, rigid_weights(some, fit.rest), robust=True)
     return head.to_head(positions) - fit.rest
@@ -154,6 +189,29 @@ def prior_models(motions, template, samples, n_holistic=60, n_region=10):
     motion = MotionSequence(X.reshape(len(X), -1, 3) + small.vertices, 15.0, small)
     regions = segment_face(motion, n_regions=N_REGIONS, random_state=0, progress=False)
     return [HolisticModel(n_holistic).fit(X), RegionModel(regions, n_region).fit(X)]
+
+
+def models_at_hand(template, actors):
+    """Models to fill from: of synthetic actors and, where it can be had, of the generic face.
+
+    Parameters
+    ----------
+    template : TriangleMesh
+    actors : sequence of RegisteredActor
+
+    Returns
+    -------
+    dict of str to list of FaceModel
+        On the actors' samples.
+    """
+    samples = actors[0].samples
+    motions = [actor.truth("train").displacements() for actor in actors]
+    found = {"synthetic actors": prior_models(motions, template, samples)}
+    try:
+        generic = generic_motion(template, samples)
+    except data.DataUnavailable:
+        return found
+    return found | {"generic face": prior_models([generic], template, samples)}
 
 
 # --- synthetic actors: fewer markers --------------------------------------------------------------
