@@ -65,10 +65,10 @@ def expected_error(fit, left_out):
         for one never seen.
     """
     layout, noise, mesh = fit.layout, fit.preset.noise, fit.mesh
-    expected = noise * np.sqrt(3 / np.maximum(1 - np.diag(layout.smooth), 1e-9))
+    expected = noise * np.sqrt(3 / layout.own)
     ratio = left_out / expected
     known = np.isfinite(ratio)
-    near = np.abs(layout.carry[:, known])
+    near = layout.near[:, known]
     near = near / np.maximum(near.sum(axis=1, keepdims=True), 1e-12)
     square = 3 * (_MARGIN * layout.spread()) ** 2 * (near @ ratio[known] ** 2)
     for edge, (size, reach) in zip(free_edges(mesh), (_LIDS, _LIPS), strict=True):

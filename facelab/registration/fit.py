@@ -11,7 +11,7 @@ how far a deformation reaches, how large it is, how exact the markers are.
 """
 
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +25,7 @@ from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MarkerSequence
 from facelab.registration.landmarks import DOUBTED, check_landmarks, judge
 from facelab.registration.layout import MarkerLayout
+from facelab.registration.prior import Prior, PriorLayout, made_prior
 from facelab.registration.report import check_drawn, check_surface, made_report, near_markers
 from facelab.registration.scan import check_scan, on_border, without_scraps, wound_outwards
 from facelab.registration.warp import GLUED, PRESETS, SEEN, Preset, relaxed, rows, sliding
@@ -119,6 +120,8 @@ class MarkerFit(Fit):
         Their feet on the mesh: triangle and barycentric place.
     offset : float
         Height of a marker's centre over the skin, millimetres.
+    prior : Prior, optional
+        What fills the face between the markers, beside smoothness: see `with_prior`.
     """
 
     names: tuple = ()
@@ -126,6 +129,7 @@ class MarkerFit(Fit):
     faces: np.ndarray = field(default=None, repr=False)
     weights: np.ndarray = field(default=None, repr=False)
     offset: float = 1.5
+    prior: Prior | None = field(default=None, repr=False)
 
     @property
     def used(self):
@@ -146,8 +150,45 @@ class MarkerFit(Fit):
 
     @cached_property
     def layout(self):
-        """The linear map from these markers to dense motion: MarkerLayout."""
-        return MarkerLayout(self)
+        """The linear map from these markers to dense motion: MarkerLayout or PriorLayout."""
+        return MarkerLayout(self) if self.prior is None else PriorLayout(self, self.prior)
+
+    def with_prior(self, *models, binding=None, share=0.25, mirror=0.5):
+        """The same fit, its motion filled by linear models where the markers leave it open.
+
+        Parameters
+        ----------
+        *models : FaceModel
+            Trained on other faces, on the vertices of the mesh or on the samples of `binding`:
+            a RegionModel, a HolisticModel, or several. Without one, that both sides of a face
+            mostly do the same is all that is known.
+        binding : LinearBinding, optional
+            From the vertices of the models to those of the mesh: `bind_to_samples`.
+        share : float, default=0.25
+            How much of the motion is the models', 0 to 1; the rest is as smooth as without.
+        mirror : float, default=0.5
+            How much a place is taken to do what its twin on the other side does, 0 to 1.
+
+        Returns
+        -------
+        MarkerFit
+
+        Raises
+        ------
+        ValueError, TypeError
+            For models of other vertices or without variances, or numbers beyond 0 to 1.
+
+        Examples
+        --------
+        >>> import facelab
+        >>> face = facelab.load_template(4375)
+        >>> names = list(face.landmarks)
+        >>> glued = face.vertices[list(face.landmarks.values())]
+        >>> fit = facelab.fit_markers(face, glued, names, offset=0).with_prior()
+        >>> fit.layout.smooth.shape  # every axis of a marker hangs on all axes of all markers
+        (153, 153)
+        """
+        return replace(self, prior=made_prior(self.mesh, models, binding, share, mirror))
 
 
 def rest_markers(takes, seconds=0.05):

@@ -116,7 +116,7 @@ class Registration:
         for first in range(0, n_frames, _BLOCK):
             part = slice(first, first + _BLOCK)
             moved = self.displacements[part].astype(float)
-            off = moved - np.matmul(self.fit.layout.smooth, moved)
+            off = moved - self.fit.layout.smoothed(moved)
             square = np.where(self.seen[part], np.einsum("fmx,fmx->fm", off, off), 0.0)
             markers += square.sum(axis=0), self.seen[part].sum(axis=0)
             frames[:, part] = square.sum(axis=1), self.seen[part].sum(axis=1)
@@ -163,8 +163,7 @@ class Registration:
     def left_out_per_marker(self):
         """Distance of each marker from where the others lead it, RMS over the take, mm."""
         # the residual of a linear smoother foretells the one of a fit without the marker
-        own = np.maximum(1 - np.diag(self.fit.layout.smooth), 1e-9)
-        return self.rms_per_marker / own
+        return self.rms_per_marker / self.fit.layout.own
 
     @cached_property
     def confidence(self):
@@ -201,7 +200,7 @@ class Registration:
         frames = slice(None) if frames is None else frames
         vertices = slice(None) if vertices is None else np.asarray(vertices)
         moved, valid = self.displacements[frames], self.valid[frames]
-        carry = self.fit.layout.carry[vertices].T.astype(np.float32)
+        carried = self.fit.layout.carrier(vertices)
         rest = self.fit.mesh.vertices[vertices].astype(np.float32)
         shape = (len(moved), len(rest), 3)
 
@@ -214,9 +213,7 @@ class Registration:
                 for first in range(0, len(moved), block):
                     part = moved[first : first + block]
                     done = out[first : first + block]
-                    part = np.ascontiguousarray(np.swapaxes(part, 1, 2), dtype=np.float32)
-                    part = (part.reshape(-1, part.shape[2]) @ carry).reshape(-1, 3, len(rest))
-                    np.add(part.transpose(0, 2, 1), rest, out=done)
+                    np.add(carried(part), rest, out=done)
                     done[~valid[first : first + block]] = np.nan
                     bar.update(len(done))
 
@@ -269,10 +266,9 @@ def _places(faults, what=lambda fault: "", most=8):
 
 def _bridge(layout, full, seen, longest):
     """Short gaps: what the others say plus the marker's own way of differing, led across."""
-    own = np.maximum(1 - np.diag(layout.smooth), 1e-9)
 
     def apart(frame, marker):
-        return (full[frame, marker] - layout.smooth[marker] @ full[frame]) / own[marker]
+        return layout.left_out(full[frame : frame + 1])[0, marker]
 
     gaps = [g for g in runs(~seen) if g[2] - g[1] <= longest and g[1] > 0 and g[2] < len(seen)]
     ends = [(apart(first - 1, m), apart(stop, m)) for m, first, stop in gaps]

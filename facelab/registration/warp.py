@@ -19,7 +19,7 @@ class Preset(NamedTuple):
     stages: tuple
     """Distance between data and surface that is let pass, from coarse to fine."""
     motion_reach: float
-    """As `reach`, of the motion of one face."""
+    """Of the motion of one face along the surface: places this far apart share 0.4 of it."""
     motion_size: float
     """As `size`, of the motion."""
     noise: float
