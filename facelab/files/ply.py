@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from facelab.checks import check_choice
+from facelab.checks import as_finite, check_choice
 from facelab.files.parts import MeshFile, check_coordinates, refuse_bad_faces
 from facelab.geometry.polygons import triangulate
 from facelab.storage import atomic_path, existing_file
@@ -394,15 +394,40 @@ def _strips(path, table, name, V, bad_faces):
     return F[(F != np.roll(F, 1, axis=1)).all(axis=1)]
 
 
-def write_ply(path, mesh):
-    """Write a mesh as binary PLY, whole or not at all; positions in float32, millimetres."""
+def write_ply(path, mesh, colors=None):
+    """Write a mesh as binary PLY, whole or not at all; positions in float32, millimetres.
+
+    Parameters
+    ----------
+    path : str or Path
+    mesh : TriangleMesh
+    colors : ndarray of shape (n_vertices, 3), optional
+        Of the vertices, 0 to 1.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For colours of another number or beyond 0 to 1; nothing is written.
+    """
+    point = [(axis, "<f4") for axis in "xyz"]
+    if colors is not None:
+        colors = as_finite(colors, "colors", (mesh.n_vertices, 3))
+        if colors.min() < 0 or colors.max() > 1:
+            raise ValueError("colors holds values beyond 0 to 1; give shares of red, green, blue.")
+        point += [(name, "u1") for name in ("red", "green", "blue")]
+        colors = np.round(255 * colors)
+    columns = [*mesh.vertices.T, *([] if colors is None else colors.T)]
+    points = np.empty(mesh.n_vertices, dtype=point)
+    for (name, _), column in zip(point, columns, strict=True):
+        points[name] = column
     rows = np.empty(len(mesh.faces), dtype=[("n", "u1"), ("v", "<i4", (3,))])
     rows["n"], rows["v"] = 3, mesh.faces
+    kinds = {"<f4": "float", "u1": "uchar"}
     head = (
         "ply\nformat binary_little_endian 1.0\ncomment facelab; unit: millimetre\n"
         f"element vertex {mesh.n_vertices}\n"
-        "property float x\nproperty float y\nproperty float z\n"
-        f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+        + "".join(f"property {kinds[kind]} {name}\n" for name, kind in point)
+        + f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
     with atomic_path(path) as part:
-        part.write_bytes(head.encode() + mesh.vertices.astype("<f4").tobytes() + rows.tobytes())
+        part.write_bytes(head.encode() + points.tobytes() + rows.tobytes())

@@ -1,0 +1,288 @@
+"""One file or many: what is done is skipped, what fails is told, the rest goes on."""
+
+import json
+import math
+import time
+import traceback
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from facelab.cli.terminal import complain, plain, say, watched
+from facelab.storage import atomic_path, check_writable
+
+DONE, FAILED, WRONG, STOPPED = 0, 1, 2, 130
+"""Exit codes: all done, some failed, wrong usage, stopped by Ctrl+C."""
+
+_EXPECTED = (ValueError, TypeError, OSError, RuntimeError, MemoryError)
+
+
+class UsageError(Exception):
+    """What was asked for makes no sense; the message says why."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One result: the files (or folders) that it is made from, and where it goes."""
+
+    sources: tuple
+    target: Path
+
+    @property
+    def done(self):
+        """Whether the result is there, and not older than what it is made from."""
+        if not self.target.is_file():
+            return False
+        made = self.target.stat().st_mtime
+        parts = [p for s in self.sources for p in (s, *(s.glob("*") if s.is_dir() else ()))]
+        return all(p.stat().st_mtime <= made for p in parts)
+
+    @property
+    def label(self):
+        """What it is made from, in words."""
+        more = f" and {len(self.sources) - 1} more" * (len(self.sources) > 1)
+        return f"{self.sources[0]}{more}"
+
+
+@dataclass
+class Report:
+    """What became of all jobs; `as_dict` for JSON."""
+
+    command: str
+    arguments: list
+    done: list = field(default_factory=list)
+    skipped: list = field(default_factory=list)
+    failed: list = field(default_factory=list)
+    not_reached: list = field(default_factory=list)
+    passed_over: list = field(default_factory=list)
+    stopped: bool = False
+
+    @property
+    def exit_code(self):
+        """0 all done, 1 some failed, 130 stopped."""
+        return STOPPED if self.stopped else FAILED if self.failed else DONE
+
+    @property
+    def words(self):
+        """One line that says how it went."""
+        parts = [f"{len(self.done)} done"]
+        for what, name in (
+            (self.skipped, "skipped (done before; --again makes them anew)"),
+            (self.failed, "failed"),
+            (self.not_reached, "not reached"),
+            (self.passed_over, "passed over (other kinds of file)"),
+        ):
+            parts += [f"{len(what)} {name}"] * bool(what)
+        return ("stopped: " if self.stopped else "") + ", ".join(parts)
+
+    def as_dict(self):
+        """All of it, ready for JSON: numbers that are none are null."""
+        names = "command arguments stopped done skipped failed not_reached passed_over".split()
+        return {"format": "facelab-report", "version": 1} | {
+            name: _ready(getattr(self, name)) for name in names
+        }
+
+    def write(self, path):
+        """Write it as JSON, whole or not at all."""
+        with atomic_path(path) as part:
+            part.write_text(json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n")
+
+
+def _ready(value):
+    """A value that JSON can hold."""
+    if isinstance(value, dict):
+        return {str(k): _ready(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_ready(v) for v in value]
+    if isinstance(value, np.generic):
+        return _ready(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if isinstance(value, (int, str, bool, type(None))) else str(value)
+
+
+# --- from arguments to jobs -----------------------------------------------------------------------
+
+
+def plan(inputs, out, endings, results, to, report, together=False, folders_are_files=False):
+    """The jobs that arguments ask for.
+
+    Parameters
+    ----------
+    inputs : list of Path
+        Files, or folders, of which all files with one of the endings are taken.
+    out : Path
+        A file for one file; else a folder, made if it is not there.
+    endings : tuple of str
+        Of files that the command reads.
+    results : tuple of str
+        Endings that it writes.
+    to : str or None
+        That of the results in a folder; the first of `results` if None.
+    report : Report
+        Gets the names of files that were passed over.
+    together : bool, default=False
+        All inputs make one result where `out` is a file.
+    folders_are_files : bool, default=False
+        A folder is one input, such as a rig as OBJ files.
+
+    Raises
+    ------
+    UsageError
+        For what is not there, no files, or an output that does not go with the inputs.
+    """
+    files, many = [], len(inputs) > 1
+    for path in inputs:
+        if not path.exists():
+            raise UsageError(f"{path} is not there.")
+        if folders_are_files or not path.is_dir():
+            files.append(path)
+        else:
+            files += _files_of(path, endings, report)
+            many = True
+    is_file = out.suffix.lower() in results and not out.is_dir()
+    if is_file and (together or not many):
+        if to is not None and out.suffix.lower() != f".{to}":
+            raise UsageError(f"--to {to} does not go with -o {out}; leave one of them out.")
+        jobs = [Job(tuple(files), out)]
+    elif is_file:
+        raise UsageError(f"-o {out} is one file, but there are several inputs: name a folder.")
+    elif out.suffix and not out.is_dir() and not many:
+        kinds = ", ".join(results)
+        raise UsageError(f"-o {out}: a result ends in {kinds}; the name of a folder in none.")
+    else:
+        ending = results[0] if to is None else f".{to}"
+        jobs = [Job((f,), out / f"{f.stem}{ending}") for f in files]
+    same = [j.target for j in jobs if any(_same(j.target, s) for s in j.sources)]
+    if same:
+        raise UsageError(f"-o {out} would overwrite {same[0]}, which is read; choose another.")
+    return jobs
+
+
+def _files_of(folder, endings, report):
+    """The files of a folder that have one of the endings, hidden ones left alone."""
+    found = sorted(f for f in folder.iterdir() if f.is_file() and f.name[0] != ".")
+    good = [f for f in found if f.suffix.lower() in endings]
+    report.passed_over += [str(f) for f in found if f not in good]
+    if not good:
+        raise UsageError(f"{folder} holds no file of the kinds {', '.join(endings)}.")
+    return good
+
+
+def _same(a, b):
+    return a.exists() and a.samefile(b)
+
+
+# --- running them ---------------------------------------------------------------------------------
+
+
+def run(jobs, make, report, options):
+    """Do the jobs one by one: the exit code.
+
+    Parameters
+    ----------
+    jobs : list of Job
+    make : callable
+        Takes a job, writes its result and returns a dict of numbers.
+    report : Report
+    options : argparse.Namespace
+        `again`, `quiet` and `report`.
+    """
+    if options.report is not None:
+        _for_writing(options.report)
+    folders = {job.target.parent for job in jobs}
+    for folder in folders:
+        _make_folder(folder)
+    taken = {}
+    bar = tqdm(jobs, unit="file", disable=not watched(options))
+    left = list(jobs)
+    try:
+        for job in bar:
+            first = taken.setdefault(_key(job.target), job)
+            if first is not job:
+                why = f"{first.label} makes {job.target} already; give one of them another name."
+                _failed(report, job, why, [])
+            elif job.done and not options.again:
+                report.skipped.append({"input": job.label, "output": str(job.target)})
+            else:
+                _one(job, make, report, options)
+            left.remove(job)
+    except KeyboardInterrupt:
+        report.stopped = True
+    finally:
+        bar.close()
+    report.not_reached += [job.label for job in left]
+    say(f"facelab {report.command}: {report.words}")
+    if options.report is not None:
+        report.write(options.report)
+    return report.exit_code
+
+
+def _key(target):
+    return str(target).casefold()  # file systems that do not tell cases apart
+
+
+def _make_folder(folder):
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        why = error.strerror or type(error).__name__
+        raise UsageError(f"the folder {folder} cannot be made: {why}.") from None
+
+
+def _for_writing(path):
+    try:
+        check_writable(path)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"--report: {error}") from None
+
+
+def _one(job, make, report, options):
+    """One job done, or told why not."""
+    said, start = [], time.perf_counter()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        try:
+            numbers, why = make(job), None
+        except _EXPECTED as error:
+            why = _reason(error)
+        except Exception as error:  # a fault of facelab's: the rest goes on all the same
+            why = f"a fault of facelab itself, please report it: {type(error).__name__}: {error}"
+            for line in traceback.format_exc().splitlines():
+                complain(line)
+        finally:
+            said += dict.fromkeys(plain(w.message) for w in caught)
+            for text in said:
+                complain(f"warning: {job.label}: {text}")
+    if why is not None:
+        _failed(report, job, why, said)
+        return
+    seconds = round(time.perf_counter() - start, 3)
+    entry = {"input": job.label, "output": str(job.target), "seconds": seconds, "warnings": said}
+    report.done.append(entry | numbers)
+    if not options.quiet:
+        say(f"{job.label} -> {job.target}: {_shown(numbers)}")
+
+
+def _reason(error):
+    if isinstance(error, MemoryError):
+        return "not enough memory; give fewer frames or vertices at a time."
+    return str(error) or type(error).__name__
+
+
+def _failed(report, job, why, said):
+    report.failed.append(
+        {"input": job.label, "output": str(job.target), "reason": plain(why), "warnings": said}
+    )
+    place = "" if str(why).startswith(str(job.sources[0])) else f"{job.label}: "
+    complain(f"failed: {place}{why}")
+
+
+def _shown(numbers):
+    """The numbers of a result that fit on a line."""
+    some = [(k.replace("_", " "), v) for k, v in numbers.items() if np.isscalar(v)]
+    short = [(k, v) for k, v in some if not isinstance(v, str) and v == v]  # NaN is no news
+    return ", ".join(f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in short)

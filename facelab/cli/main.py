@@ -1,0 +1,105 @@
+"""The command `facelab`: arguments read, one command called, an exit code given back."""
+
+import argparse
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from facelab.cli import convert, course, pose, read_units, register, segment, train
+from facelab.cli.batch import FAILED, STOPPED, WRONG, Report, UsageError, plan, run
+from facelab.cli.terminal import complain, hushed
+
+COMMANDS = {
+    "register": register,
+    "train": train,
+    "segment": segment,
+    "read-units": read_units,
+    "pose": pose,
+    "convert": convert,
+}
+"""What makes files of files: each module has its texts, options, endings and `maker`."""
+
+ABOUT = """\
+Faces that move linearly, from the command line. A file in, a file out; a folder in, a folder out:
+what is done already is skipped, what fails is listed and does not stop the rest.
+"""
+EXIT_CODES = "exit codes: 0 all done, 1 some failed, 2 wrong usage, 130 stopped by Ctrl+C"
+
+
+def main(argv=None):
+    """Run one command: its exit code.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        Arguments; those of the process if left out.
+    """
+    argv = sys.argv[1:] if argv is None else list(argv)
+    code = FAILED
+    with hushed():
+        try:
+            code = _command(argv)
+        except SystemExit as end:  # argparse: help, or wrong usage
+            code = end.code
+        except UsageError as error:
+            complain(f"facelab: {error}")
+            code = WRONG
+        except KeyboardInterrupt:
+            complain("facelab: stopped.")
+            code = STOPPED
+        except (ValueError, TypeError, OSError, RuntimeError) as error:
+            if isinstance(error, BrokenPipeError):
+                raise
+            complain(f"facelab: {error}")
+        sys.stdout.flush()
+    return code
+
+
+def _command(argv):
+    options = _parser().parse_args(argv)
+    if options.command in course.COMMANDS:
+        return course.COMMANDS[options.command](options)
+    command = COMMANDS[options.command]
+    report = Report(options.command, argv)
+    endings = command.reads(options) if hasattr(command, "reads") else command.READS
+    jobs = plan(
+        options.inputs, options.out, endings, command.WRITES, options.to, report,
+        together=getattr(command, "TOGETHER", False),
+        folders_are_files=hasattr(command, "single") and command.single(options),
+    )  # fmt: skip
+    make = command.maker(options)
+    return run(jobs, make, report, options)
+
+
+def _parser():
+    parser = argparse.ArgumentParser(
+        prog="facelab", description=ABOUT, epilog=EXIT_CODES, allow_abbrev=False
+    )
+    parser.add_argument("--version", action="version", version=f"facelab {_version()}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, command in COMMANDS.items():
+        own = _add(commands, name, command.HELP, command.EXAMPLE)
+        own.add_argument("inputs", nargs="+", type=Path, metavar="INPUT", help="files or folders")
+        own.add_argument("-o", "--out", type=Path, required=True, help="a file or a folder")
+        kinds = [ending[1:] for ending in command.WRITES]
+        own.add_argument("--to", choices=kinds, help=f"kind of results in a folder ({kinds[0]})")
+        own.add_argument("--again", action="store_true", help="make what is there anew")
+        own.add_argument("--report", type=Path, metavar="JSON", help="what became of each file")
+        own.add_argument("--quiet", action="store_true", help="only say what failed, and the sum")
+        command.add_options(own)
+    course.add_commands(lambda name, text, example: _add(commands, name, text, example))
+    return parser
+
+
+def _add(commands, name, text, example):
+    return commands.add_parser(
+        name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=example + EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False,
+    )  # fmt: skip
+
+
+def _version():
+    try:
+        return version("facelab")
+    except PackageNotFoundError:  # in a source tree that is not installed
+        return "(not installed)"
