@@ -226,7 +226,7 @@ def plausible_mixtures(rig, n_frames=600, fps=30.0, random_state=0):
     >>> import facelab
     >>> rig = facelab.load_example().rig
     >>> take = facelab.plausible_mixtures(rig, 100)
-    >>> take.n_frames, 1 < (take.weights > 0).sum(axis=1).mean() < 12
+    >>> take.n_frames, bool(1 < (take.weights > 0).sum(axis=1).mean() < 12)
     (100, True)
     """
     check_type(rig, "rig", BlendshapeRig, "give a rig")
