@@ -29,6 +29,17 @@ _FACS = {  # those with one plain counterpart; left out are AU11, 13, 23, 25, 35
     **{20: "mouthStretch", 22: "mouthFunnel", 24: "mouthPress", 26: "jawOpen", 27: "jawOpen"},
     **{28: "mouthRoll", 29: "jawForward", 30: "jaw", 34: "cheekPuff", 45: "eyeBlink"},
 }
+_FACS_NAMES = {  # by normalised name: as FACS names its units, and as rigs built on it shorten that
+    **{"innerbrowraiser": 1, "outerbrowraiser": 2, "browlowerer": 4, "upperlidraiser": 5},
+    **{"cheekraiser": 6, "lidtightener": 7, "nosewrinkler": 9, "upperlipraiser": 10},
+    **{"nasolabialdeepener": 11, "nasolabialfurrow": 11, "lipcornerpuller": 12, "dimpler": 14},
+    **{"lipcornerdepressor": 15, "lowerlipdepressor": 16, "chinraiser": 17, "lippucker": 18},
+    **{"lippuckerer": 18, "lipstretcher": 20, "lipfunneler": 22, "liptightener": 23},
+    **{"lippressor": 24, "lipspart": 25, "jawdrop": 26, "mouthstretch": 27, "lipsuck": 28},
+    **{"jawthrust": 29, "jawsideways": 30, "cheekpuff": 34, "cheekpuffer": 34, "cheeksuck": 35},
+    **{"nostrildilator": 38, "nostrilcompressor": 39, "eyesclosed": 45, "eyeclosed": 45},
+    **{"eyeclosure": 45, "blink": 45},
+}
 _SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 _SPACE = re.compile(r"[.:|/\\]+")  # what ends a namespace: head_GEO.jawOpen, Body:jawOpen
 _WORD = re.compile(r"[^\W\d_]+|\d+")
@@ -231,6 +242,7 @@ def _without_prefix(names):
 # --- what a name means ----------------------------------------------------------------------------
 
 
+_FOR_FACS = {normalised(n).removesuffix("left").removesuffix("right") for n in ARKIT}
 _ARKIT = {normalised(name): name for name in ARKIT}
 _ANGLES = {key: name for name in ANGLES for key in (normalised(name), name.lower())}
 
@@ -258,8 +270,9 @@ def arkit_names(name):
     Parameters
     ----------
     name : str
-        ARKit's own (`jawOpen`), with a side as in ICT-FaceKit (`mouthSmile_L`), or a FACS unit
-        (`AU12L`, `AU1`); in any spelling that `normalised` sees through.
+        ARKit's own (`jawOpen`), with a side as in ICT-FaceKit (`mouthSmile_L`), or a FACS unit by
+        number (`AU12L`, `AU1`) or name (`lipCornerPuller_L`); in any spelling that `normalised`
+        sees through.
 
     Returns
     -------
@@ -271,8 +284,9 @@ def arkit_names(name):
     for end in ("left", "right"):
         if stem.endswith(end):
             stem, side = stem.removesuffix(end), end
-    if facs := re.fullmatch(r"au(\d{1,3})", stem):
-        stem = _FACS.get(int(facs[1]), "").lower()
+    facs = re.fullmatch(r"au(\d{1,3})", stem)
+    if facs or (stem not in _FOR_FACS and stem in _FACS_NAMES):
+        stem = _FACS.get(int(facs[1]) if facs else _FACS_NAMES[stem], "").lower()
     for key in (stem + side, stem):  # browInnerUp_L is browInnerUp, which has no sides
         if key in _ARKIT:
             return (_ARKIT[key],)

@@ -68,6 +68,13 @@ def test_letters_of_every_alphabet_stay():
         ("jaw", ()),
         ("mouth", ()),
         ("AU35", ()),
+        ("lipCornerPuller_L", ("mouthSmileLeft",)),
+        ("Inner Brow Raiser", ("browInnerUp",)),
+        ("eyesClosed_R", ("eyeBlinkRight",)),
+        ("jawSidewaysLeft", ("jawLeft",)),
+        ("jawDrop", ("jawOpen",)),
+        ("mouthStretch_L", ("mouthStretchLeft",)),  # ARKit's own before that of FACS
+        ("nostrilDilator_L", ()),
         ("AU11L", ()),
         ("AU28L", ()),
         ("mouth_L", ("mouthLeft",)),

@@ -11,6 +11,7 @@ from facelab.expression.regression import (
 from facelab.expression.sequence import regress_sequence
 from facelab.expression.session import ExpressionSession
 from facelab.expression.transfer import METHODS, IntermediateSpace, SimplifiedRig, UnitCarrier
+from facelab.expression.translate import Translator, translate
 from facelab.expression.units import UnitBasis, find_alignment, prepare_units
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "ExpressionSession",
     "IntermediateSpace",
     "SimplifiedRig",
+    "Translator",
     "UnitBasis",
     "UnitCarrier",
     "find_alignment",
@@ -28,5 +30,6 @@ __all__ = [
     "prepare_units",
     "regress_expression",
     "regress_sequence",
+    "translate",
     "two_step",
 ]

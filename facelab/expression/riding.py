@@ -112,6 +112,11 @@ class Rider:
             for p in np.unique(body.pieces[~own])
         ]
 
+    @property
+    def covered(self):
+        """Vertices of the mesh that ride on the skin of the carrier: bool, (n_vertices,)."""
+        return np.isin(self._index, self.rides)
+
     def carry(self, vertices):
         """The mesh on the moved carrier, exact at rest."""
         vertices = np.asarray(vertices)[self._first]

@@ -239,6 +239,13 @@ class IntermediateSpace:
         target = self.target.with_vertices(self._to_head(self.target.vertices))
         return Rider(target, self.rig.neutral, fade=None)
 
+    @property
+    def covered(self):
+        """Vertices of the template's skin that lie on the target: int, (n_covered,)."""
+        if self.fit is None:
+            return np.arange(self.rig.neutral.n_vertices)
+        return np.flatnonzero(self._back.covered)
+
     def to_template(self, sketch, register=None):
         """A sketched expression of the target in the topology of the template.
 

@@ -5,6 +5,7 @@ w' H w / 2 - g' w with lo <= w <= hi.
 """
 
 import numpy as np
+from scipy.fft import dct, idct
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 
@@ -182,3 +183,36 @@ def solve_bounded_chain(H, g, mu, lo, hi, F):
         return w
 
     return pivot(solve, times, g, lo, hi)[0]
+
+
+def solve_bounded_rows(H, G, lo, hi):
+    """`solve_bounded` for each row of G, (F, K), each from where the one before it ended."""
+    W, at = np.zeros_like(G), None
+    for w, g in zip(W, G, strict=True):
+        w[:], at = solve_bounded(H, g, lo, hi, at)
+    return W
+
+
+def smoothed_sides(H, G, mu):
+    """Right sides g_t of frames in a row, smoothed in time.
+
+    They are H w_t for the w that minimise, without bounds, the sum over frames of
+    w_t' H w_t / 2 - g_t' w_t + mu |w_t - w_(t-1)|^2 / 2.
+
+    A frame solved within bounds from such a side is that w_t brought into them the shortest way,
+    as H measures it: frames that are near each other stay at least as near.
+
+    Parameters
+    ----------
+    G : ndarray of shape (F, K)
+
+    Returns
+    -------
+    ndarray of shape (F, K)
+    """
+    values, U = np.linalg.eigh(H)
+    values = values.clip(1e-12 * values[-1])
+    # second differences in time are diagonal along cosines, H along its eigenvectors
+    pace = 2 - 2 * np.cos(np.pi * np.arange(len(G)) / len(G))
+    share = values / (values + mu * pace[:, None])
+    return idct(share * dct(G @ U, axis=0, norm="ortho"), axis=0, norm="ortho") @ U.T
