@@ -88,6 +88,7 @@ class Anatomy:
     # --- brow -----------------------------------------------------------------------------
     brow_height: float = 21.5  # brow above the eyeball centres, over the pupil
     brow_tail_drop: float = 6.5  # tail of the brow below its peak
+    brow_hair: float = 0.9  # how far the hair of the brow stands out
     brow_ridge: float = 0.0  # extra bony prominence of the supraorbital ridge
 
     # --- nose -----------------------------------------------------------------------------
@@ -180,7 +181,8 @@ _SPECIAL_LIMITS = {
     "exocanthion_depth": (-3.0, 7.0), "lid_thickness": (1.2, 3.0), "lid_crease_height": (2.0, 7.5),
     "lid_crease_depth": (0.0, 2.0), "lid_fold": (0.0, 3.0), "epicanthus": (0.0, 1.0),
     "eye_bag": (0.0, 4.0), "tear_trough": (-1.0, 3.0), "orbit_depth": (-4.0, 4.0),
-    "brow_tail_drop": (0.0, 11.0), "brow_ridge": (-3.0, 4.0), "nose_tip_height": (5.0, 16.0),
+    "brow_tail_drop": (0.0, 11.0), "brow_hair": (0.0, 2.0), "brow_ridge": (-3.0, 4.0),
+    "nose_tip_height": (5.0, 16.0),
     "rhinion_convexity": (-3.0, 4.0), "columella_show": (0.0, 5.0), "alar_bulge": (0.0, 2.5),
     "nostril_depth": (2.0, 9.0), "cheilion_depth": (10.0, 26.0), "cheilion_drop": (-2.0, 4.0),
     "cupids_bow": (0.0, 3.0), "philtrum_depth": (0.0, 2.5), "lip_gap": (0.1, 3.0),

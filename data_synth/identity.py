@@ -65,9 +65,9 @@ _STIFF = {
     "lid_crease_depth": 0.2, "chin_cleft": 0.15, "nostril_depth": 0.3,
     "intercanthal_width": 1.0, "biocular_width": 1.4,
     "lower_lip_fullness": 0.3, "upper_lip_fullness": 0.25, "philtrum_depth": 0.25,
-    "glabella_depth": 0.7, "metopion_depth": 0.8, "subnasale_depth": 0.9,
+    "brow_hair": 0.15, "glabella_depth": 0.7, "metopion_depth": 0.8, "subnasale_depth": 0.9,
     "labrale_superius_depth": 0.5, "stomion_depth": 0.4, "labrale_inferius_depth": 0.5,
     "sublabiale_depth": 0.6, "canthal_tilt": 1.2,
 }  # fmt: skip
 _NOT_NEGATIVE = ("epicanthus", "lid_fold", "eye_bag", "chin_cleft", "lid_crease_depth",
-                 "cupids_bow", "alar_bulge", "philtrum_depth")  # fmt: skip
+                 "cupids_bow", "alar_bulge", "philtrum_depth", "brow_hair")  # fmt: skip

@@ -127,7 +127,7 @@ def mouth_points(a, loop, theta):
     border_y, border_z = np.where(upper, top, bottom), np.where(upper, z_top, z_bottom)
     thin = 1.0 - s**3
     if loop == "border":
-        return np.stack([x, border_y, border_z], -1)
+        return np.stack([x, border_y, border_z + 0.4 * thin], -1)  # the white roll
     if loop == "vermilion":
         swell = np.where(upper, a.upper_lip_fullness, a.lower_lip_fullness) * thin
         above, below = 0.5 * np.exp(-((s / 0.13) ** 2)), -0.2 * np.exp(-((s / 0.2) ** 2))
@@ -140,7 +140,7 @@ def mouth_points(a, loop, theta):
     if loop == "contact":
         return np.stack([x, line + gap, z_line + 0.4 * thin], -1)
     # both slope down behind the line where the lips meet, so that nothing shows between them
-    roll_y = np.where(upper, 2.0 * s**4 - 0.2, -2.0) * (1.0 - s**2)
+    roll_y = np.where(upper, 2.4 * s**4 - 0.8, -2.4) * (1.0 - s**2)
     return np.stack([x, line + 2.2 * gap + roll_y, z_line - 3.8 * (0.45 + 0.55 * thin)], -1)
 
 
@@ -164,11 +164,11 @@ def nostril_points(a, loop, theta):
     apex = np.array([0.36 * wing, sn_y + show + 1.7, a.subnasale_depth + 7.6 * p])
     lateral = np.array([0.21 * wing, -0.5, -0.6])
     share = NOSTRIL_LOOPS[loop][1]
-    shrink = 1.0 - 0.55 * share**2
+    shrink = 1.0 - 0.65 * share
     c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
     # the roof rises from the sill to the front: it faces down, and so reads dark in any light
     rise = a.nostril_depth * share * (0.5 + 0.5 * c * shrink)
-    up = np.array([0.0, 1.0, 0.0]) * rise
+    up = np.array([0.0, 1.0, -0.4]) * rise
     return 0.5 * (sill + apex) + up + shrink * (0.5 * c * (apex - sill) + s * lateral)
 
 
