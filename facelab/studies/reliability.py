@@ -163,7 +163,7 @@ def reliability(actor, takes=None, n_markers=None, hidden=0.0, size="small", eve
         markers = markers.select([n for n in markers.names if n in fit.names])
         if hidden:
             markers = markers.with_gaps(hidden, random_state=0)
-        registration = register_sequence(fit, markers)
+        registration = register_sequence(fit, markers, progress=False)
         frames = np.arange(0, len(registration.valid), every)
         frames = frames[registration.valid[frames]]
         moved = registration.positions(frames) - fit.mesh.vertices
