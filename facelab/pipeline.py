@@ -175,7 +175,7 @@ def model_from_take(
     noise = check_number(noise, "noise", low=0)
     fps = check_number(fps, "fps", above=0)
     n_control = check_count(n_control, "n_control", 4, None, "vertices")
-    source = _SOURCES[kinds.pop()](takes, face)
+    source = _SOURCES[kinds.pop()](takes, face, progress)
     neutral = source.neutral
     if neutral.n_vertices > n_control:
         samples, control = neutral.subsample(n_control)
@@ -259,13 +259,13 @@ def plausible_mixtures(rig, n_frames=600, fps=30.0, random_state=0):
 class _Markers:
     """Takes of markers, registered to a template."""
 
-    def __init__(self, takes, face):
+    def __init__(self, takes, face, progress):
         what = "takes of markers ask for a template with landmarks (load_template()) or a MarkerFit"
         check_type(face, "face", (TriangleMesh, MarkerFit), what)
         fitted = isinstance(face, MarkerFit)
         fit = face if fitted else fit_markers(face, *rest_markers(takes))
         self.neutral = fit.mesh
-        self.registrations = [register_sequence(fit, take) for take in takes]
+        self.registrations = [register_sequence(fit, take, progress=progress) for take in takes]
 
     def motion(self, i, samples, control):
         return self.registrations[i].motion(samples, control)
@@ -277,7 +277,7 @@ class _Markers:
 class _Motions:
     """Takes of a mesh in motion."""
 
-    def __init__(self, takes, face):
+    def __init__(self, takes, face, _):
         if face is not None:
             raise TypeError(
                 f"face is a {type(face).__name__}, but a motion brings its own mesh: leave it out."
@@ -302,7 +302,7 @@ class _Motions:
 class _Weights:
     """Takes of weights that drive a rig."""
 
-    def __init__(self, takes, face):
+    def __init__(self, takes, face, progress):
         what = "takes of weights ask for the BlendshapeRig that they drive"
         self.takes, self.rig = takes, check_type(face, "face", BlendshapeRig, what)
         self.neutral = face.neutral

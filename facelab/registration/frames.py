@@ -145,14 +145,20 @@ class FrameJudge:
         Frames
         """
         near, far, distance = self._near(positions)
-        seen = np.isfinite(near[..., 0])
         count = np.isfinite(positions[..., 0]).sum(axis=1)
         motion = rigid_motion(near, self.rest, self.weights, robust=True)
         moved = motion.to_head(near) - self.rest
-        # a frame is out of place if most of it is, counted by how rigid the markers are
-        share = np.sqrt(self.weights) * seen
-        beyond = np.einsum("fmx,fmx->fm", moved, moved) > (1.2 * (self.usual + 2)) ** 2
-        out = 2 * (share * beyond).sum(axis=1) > share.sum(axis=1)
+        share = np.sqrt(self.weights)
+        out = self._out_of_place(moved, share)
+        again = np.flatnonzero(out)
+        if again.size:  # a stray may lead the head where few of the rigid markers are seen
+            even = np.maximum(share, 0.3)
+            other = rigid_motion(near[again], self.rest, even, robust=True)
+            instead = other.to_head(near[again]) - self.rest
+            right = ~self._out_of_place(instead, even)
+            out[again[right]], moved[again[right]] = False, instead[right]
+            for name in ("rotation", "translation", "rms"):
+                getattr(motion, name)[again[right]] = getattr(other, name)[right]
         why = np.zeros(len(near), dtype=np.int8)
         amount = np.zeros(len(near))
         scattered = 3 * far.sum(axis=1) > count
@@ -168,6 +174,13 @@ class FrameJudge:
         motion.valid[:] = why == 0
         distance = distance[why[np.nonzero(far)[0]] == 0]
         return Frames(motion, moved, why, amount, far & (why == 0)[:, None], distance)
+
+    def _out_of_place(self, moved, share):
+        """Frames most of which is farther from rest than usual, counted by share: bool."""
+        seen = np.isfinite(moved[..., 0])
+        square = np.einsum("fmx,fmx->fm", moved, moved)
+        beyond = square > (1.2 * (self.usual + 2)) ** 2  # not where NaN
+        return 2 * (share * beyond).sum(axis=1) > (share * seen).sum(axis=1)
 
     def _reason(self, frame, known):
         """What a frame that is out of place looks like: index of REASONS and a number."""

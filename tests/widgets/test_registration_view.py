@@ -38,7 +38,7 @@ def test_hiding_markers_registers_anew_and_raises_the_error(view):
 
 
 def test_an_error_is_shown_and_the_face_stays(view, monkeypatch):
-    def fail(*_):
+    def fail(*_, **__):
         raise RuntimeError("the markers are on strike")
 
     before = view.registration
