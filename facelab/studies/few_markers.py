@@ -233,13 +233,13 @@ def thinned_fit(fit, count):
     return replace(fit, names=tuple(fit.names[i] for i in at), **some)
 
 
-def by_count(actors, n_takes=2, every=16, progress=True):
+def by_count(actors, n_takes=1, every=16, progress=True):
     """Dense error on the synthetic actors against the number of markers, mm RMS over the skin.
 
     Parameters
     ----------
     actors : dict of str to RegisteredActor
-    n_takes : int, default=2
+    n_takes : int, default=1
         Test takes of each actor.
     every : int, default=16
         Of how many frames one is measured.
@@ -253,13 +253,14 @@ def by_count(actors, n_takes=2, every=16, progress=True):
         "prior", of models trained on the other actors.
     """
     found = {}
+    first = next(iter(actors.values()))
+    binding = bind_to_samples(first.fit.mesh, first.samples)  # all have the same triangles
     total = sum(count <= len(a.fit.names) for a in actors.values() for count in COUNTS)
     with tqdm(total=total, desc="fewer markers", disable=not progress, leave=False) as bar:
         for name, actor in actors.items():
             others = [a.truth("train").displacements() for n, a in actors.items() if n != name]
             mesh = actor.fit.mesh
             models = prior_models(others, mesh, actor.samples)
-            binding = bind_to_samples(mesh, actor.samples)
             takes = actor.names("test")[:n_takes]
             for count in COUNTS:
                 if count > len(actor.fit.names):
