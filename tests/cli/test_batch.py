@@ -31,7 +31,9 @@ def folder(tmp_path):
 def convert_all(folder, *more):
     out = folder.parent / "out"
     report = folder.parent / "report.json"
-    code = main(["convert", str(folder), "-o", str(out), "--to", "ply", "--report", str(report), *more])
+    code = main(
+        ["convert", str(folder), "-o", str(out), "--to", "ply", "--report", str(report), *more]
+    )
     return code, json.loads(report.read_text()), out
 
 
