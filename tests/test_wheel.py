@@ -40,7 +40,7 @@ def installed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheel")
     source = folder / "source"  # a copy: what an earlier build left in the tree would be packed too
     unmade = shutil.ignore_patterns("__pycache__")
-    for name in PACKAGES:
+    for name in (*PACKAGES, "notebooks", "app"):
         shutil.copytree(ROOT / name, source / name, ignore=unmade)
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
@@ -66,3 +66,12 @@ def test_every_module_and_every_file_of_the_tree_is_in_the_wheel(installed, tmp_
     homes, found = json.loads(run(installed, "-I", "-c", LOOK, asked, cwd=tmp_path))
     assert all(home.startswith(str(installed.parents[1])) for home in homes)
     assert {f for f in found if "__pycache__" not in f} == files
+
+
+@pytest.mark.long
+def test_the_command_of_the_wheel_copies_the_course_and_the_page(installed, tmp_path):
+    command = installed.parent / ("facelab.exe" if sys.platform == "win32" else "facelab")
+    for name, part in (("lab", "notebooks"), ("app", "app")):
+        run(command, name, tmp_path / part, "--only-copy", cwd=tmp_path)
+        ours = {p.name: p.read_bytes() for p in (ROOT / part).glob("*.ipynb")}
+        assert {p.name: p.read_bytes() for p in (tmp_path / part).iterdir()} == ours

@@ -34,11 +34,12 @@ class Job:
     @property
     def done(self):
         """Whether the result is there, and not older than what it is made from."""
-        if not self.target.is_file():
+        try:
+            made = self.target.stat().st_mtime
+            parts = [p for s in self.sources for p in (s, *(s.glob("*") if s.is_dir() else ()))]
+            return self.target.is_file() and all(p.stat().st_mtime <= made for p in parts)
+        except OSError:  # not there, or not to be looked at: to be done, or to be told why not
             return False
-        made = self.target.stat().st_mtime
-        parts = [p for s in self.sources for p in (s, *(s.glob("*") if s.is_dir() else ()))]
-        return all(p.stat().st_mtime <= made for p in parts)
 
     @property
     def label(self):

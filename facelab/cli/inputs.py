@@ -4,6 +4,7 @@ from pathlib import Path
 
 from facelab import files
 from facelab.cli.batch import UsageError
+from facelab.cli.terminal import watched
 from facelab.data import load_template
 from facelab.files.meshes import KINDS as MESHES
 from facelab.models import load_model
@@ -119,7 +120,8 @@ class Takes:
             neutral = take.mesh
         else:
             fit = self.fit([take])
-            neutral, take = fit.mesh, register_sequence(fit, take)
+            shown = watched(self.options)
+            neutral, take = fit.mesh, register_sequence(fit, take, progress=shown)
         if neutral.n_vertices <= n_control:
             samples, control = list(range(neutral.n_vertices)), neutral
         else:

@@ -4,6 +4,7 @@ import json
 
 from facelab import files
 from facelab.cli.inputs import MARKERS, WEIGHTS, Takes, add_marker_options, add_rig_options
+from facelab.cli.terminal import watched
 from facelab.segmentation import segment_face
 from facelab.storage import atomic_path, save_npz
 
@@ -43,7 +44,8 @@ def maker(options):
             motion = motion.with_noise(options.noise, options.seed)
         cut = segment_face(
             motion.resampled(min(options.rate, motion.fps)), options.lam, options.r,
-            options.threshold, n_regions=options.regions, random_state=options.seed, progress=False,
+            options.threshold, n_regions=options.regions, random_state=options.seed,
+            progress=watched(options),
         )  # fmt: skip
         whole = cut if motion.mesh is neutral else cut.carried_to(neutral, samples)
         _draw(job.target.with_suffix(".ply"), whole)

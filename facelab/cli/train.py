@@ -9,6 +9,7 @@ from facelab.cli.inputs import (
     add_rig_options,
     face_beside,
 )
+from facelab.cli.terminal import watched
 from facelab.models import HolisticModel, rms_error
 from facelab.pipeline import model_from_take
 
@@ -49,7 +50,7 @@ def maker(options):
         read = [takes.read(path) for path in job.sources]
         face = model_from_take(
             read, takes.face(read), options.components, options.control, options.noise,
-            random_state=options.seed, progress=False, n_regions=options.regions,
+            random_state=options.seed, progress=watched(options), n_regions=options.regions,
         )  # fmt: skip
         model, X = face.model, face.motion.displacements()
         if options.holistic:

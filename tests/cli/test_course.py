@@ -1,0 +1,85 @@
+"""The notebooks and the page without make: copied over nothing, started with the right words."""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+from environment import ROOT
+
+from facelab.cli import course, main
+
+NOTEBOOKS = sorted(p.name for p in (ROOT / "notebooks").glob("*.ipynb"))
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """Commands that would have been started; nothing is."""
+    commands = []
+
+    def run(command, check):
+        commands.append(command)
+        return SimpleNamespace(returncode=0)
+
+    monkeypatch.setattr(subprocess, "run", run)
+    return commands
+
+
+def test_the_notebooks_are_copied_and_the_first_is_opened(started, tmp_path):
+    folder = tmp_path / "my" / "course"
+    assert main(["lab", str(folder), "--no-browser", "--port", "9123"]) == 0
+    assert sorted(p.name for p in folder.iterdir()) == NOTEBOOKS
+    data, lab = started
+    assert data == [sys.executable, "-m", "facelab.data"]
+    assert lab[:4] == [sys.executable, "-m", "jupyterlab", str(folder / "01_capture.ipynb")]
+    assert {"--no-browser", "--ServerApp.port=9123"} < set(lab)
+
+
+def test_a_notebook_that_was_changed_is_never_written_over(started, tmp_path, capsys):
+    main(["lab", str(tmp_path), "--only-copy"])
+    mine = tmp_path / NOTEBOOKS[2]
+    mine.write_text("my own")
+    (tmp_path / NOTEBOOKS[3]).unlink()
+    capsys.readouterr()
+    assert main(["lab", str(tmp_path), "--only-copy"]) == 0
+    assert mine.read_text() == "my own" and (tmp_path / NOTEBOOKS[3]).is_file()
+    said = capsys.readouterr().out
+    assert "1 copied" in said and NOTEBOOKS[2] in said and NOTEBOOKS[1] not in said
+    assert not started
+
+
+def test_the_page_is_served_from_a_folder_of_ones_own(started, tmp_path):
+    assert main(["app", str(tmp_path / "poses")]) == 0
+    assert [p.name for p in (tmp_path / "poses").iterdir()] == ["posing.ipynb"]
+    _, page = started
+    assert page[1:3] == ["-m", "jupyter_server"] and "--no-browser" not in page
+    assert f"--ServerApp.root_dir={(tmp_path / 'poses').resolve()}" in page
+    assert "--ServerApp.default_url=/voila/render/posing.ipynb" in page
+
+
+def test_a_machine_without_user_numbers_starts_too(started, tmp_path, monkeypatch):
+    """As Windows is: it has no geteuid."""
+    monkeypatch.delattr("os.geteuid", raising=False)
+    assert main(["lab", str(tmp_path)]) == 0
+    assert "--allow-root" not in started[1]
+
+
+def test_a_server_that_fails_ends_with_1_and_ctrl_c_with_130(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(subprocess, "run", lambda *a, **k: SimpleNamespace(returncode=3))
+    assert main(["lab", str(tmp_path)]) == 1
+    assert "code 3" in capsys.readouterr().err
+
+    def interrupted(*a, **k):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(subprocess, "run", interrupted)
+    assert main(["app", str(tmp_path)]) == 130
+
+
+def test_an_installation_without_notebooks_says_so(tmp_path, monkeypatch, capsys):
+    (tmp_path / "facelab").mkdir()
+    away = SimpleNamespace(__file__=str(tmp_path / "facelab" / "__init__.py"))
+    monkeypatch.setattr(course, "facelab", away)
+    monkeypatch.setattr(course, "files", lambda name: [])
+    assert main(["lab", str(tmp_path / "lab"), "--only-copy"]) == 1
+    assert "lacks its notebooks" in capsys.readouterr().err
