@@ -576,3 +576,42 @@ def test_bad_sketches_and_kinds_are_refused(rig, sketch):
         regress_expression(rig, "abc")
     with pytest.raises(TypeError, match="MotionSequence"):
         regress_sequence(rig, sketch)
+
+
+@pytest.fixture
+def patch_fits(rig):
+    """Fits on so few vertices that each unit counts."""
+    small = rig.on(np.unique(rig.neutral.faces[:16]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a patch is no face, and hardly sees some units
+        fits = []
+        for seed in range(12):
+            rng = np.random.default_rng(seed)
+            true = rng.uniform(0, 1, 12) * (rng.random(12) < 0.4)
+            noise = rng.normal(scale=0.3, size=small.neutral.vertices.shape)
+            sketch = small.shape(true) + noise
+            fits.append(regress_expression(small, sketch, 1.0, np.linspace(0, 8, 81), align=False))
+    return fits
+
+
+def test_gcv_is_the_error_over_what_the_units_leave_free(patch_fits):
+    """GCV = (RSS / n) / (1 - units / n)^2, and alpha is where it is least."""
+    n, differ = patch_fits[0].displacement.size, 0
+    for fit in patch_fits:
+        units = ((fit.weights > 1e-9) & (fit.weights < 1 - 1e-9)).sum(axis=1)
+        gcv, other = fit.rms**2 / (1 - units / n) ** 2, fit.rms**2 / (1 - units / n)
+        gcv, other = (np.where(fit.reachable, x, np.inf).argmin() for x in (gcv, other))
+        assert fit.choose("gcv") == gcv
+        differ += other != gcv
+    assert differ  # without the root another alpha would be chosen somewhere
+
+
+def test_fewest_takes_the_fewest_units_within_a_twentieth_of_the_smallest_error(patch_fits):
+    between = 0
+    for fit in patch_fits:
+        count = (np.abs(fit.weights) > 0.05).sum(axis=1)
+        close, loose = (fit.rms <= share * fit.rms.min() + 0.01 for share in (1.05, 1.15))
+        wanted, chosen = count[close & fit.reachable].min(), fit.choose("fewest")
+        assert close[chosen] and count[chosen] == wanted
+        between += count[loose & fit.reachable].min() < wanted
+    assert between  # within 15 % fewer units would have been taken somewhere

@@ -321,3 +321,12 @@ def test_the_truth_is_met_below_the_noise(face, unseen):
     noisy, truth = unseen
     for model in models(face, 20):
         assert rms_error(truth, model.reconstruct(noisy)) < 0.5 * NOISE * np.sqrt(3)
+
+
+def test_the_other_side_is_a_share_of_energy_not_of_amplitude(sphere):
+    x = sphere.vertices[:, 0]
+    left, right = x.argmax(), x.argmin()
+    X = np.zeros((1, 3 * sphere.n_vertices))
+    X[0, 3 * left], X[0, 3 * right + 1] = 2.0, -1.0
+    np.testing.assert_allclose(other_side(X, sphere, width=1.0), 1 / (4 + 1))
+    np.testing.assert_allclose(other_side(X, sphere, "right", width=1.0), 4 / (4 + 1))

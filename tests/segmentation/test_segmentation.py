@@ -13,6 +13,7 @@ from sklearn.metrics import adjusted_rand_score
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MotionSequence
 from facelab.segmentation import clusters as clusters_module
+from facelab.segmentation import segment as segment_module
 from facelab.segmentation.clusters import compactness, renumbered, spectral_embedding
 from facelab.segmentation.regions import Regions
 from facelab.segmentation.segment import Affinity, segment_face, stability
@@ -761,3 +762,24 @@ def test_stability_refuses_blocks_longer_than_the_motion_and_other_draws(rng):
         stability(motion, 2, over="actors", block=0.1)
     with pytest.raises(ValueError, match="n_draws=0, but the number of draws must be 1 or more"):
         stability(motion, 2, block=0.1, n_draws=0)
+
+
+def test_draws_are_runs_of_frames_that_follow_each_other(rng, monkeypatch):
+    mesh, truth = quarters()
+    motion = patch_motion(mesh, truth, rng, n_frames=40)
+    seen, plain = [], segment_module.motion_correlation
+
+    def watched(positions):
+        seen.append(
+            [np.flatnonzero((motion.positions == p).all(axis=(1, 2)))[0] for p in positions]
+        )
+        return plain(positions)
+
+    monkeypatch.setattr(segment_module, "motion_correlation", watched)
+    stability(motion, 4, n_draws=3, block=10 / motion.fps, random_state=0)
+    drawn = seen[-3:]
+    for frames in drawn:
+        assert len(frames) == 40
+        for run in np.reshape(frames, (4, 10)):
+            np.testing.assert_array_equal(np.diff(run), 1)
+    assert len({tuple(frames) for frames in drawn}) == 3

@@ -8,7 +8,8 @@ from planted import bumps, quarters
 from facelab.models.evaluation import rms_error
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
-from facelab.motion import MotionSequence
+from facelab.motion import MotionSequence, WeightSequence
+from facelab.rig import BlendshapeRig
 from facelab.segmentation.regions import Regions
 from facelab.studies import generalisation as results
 
@@ -162,3 +163,36 @@ def test_the_command_writes_both_tables_and_says_what_is_missing(
         text = (tmp_path / "tables" / f"{name}.csv").read_text()
         assert text.startswith("data,training")
         assert "synthetic actor" in text
+
+
+def test_the_recorded_face_learns_from_one_take_with_noise_and_is_tested_on_the_other(
+    monkeypatch, tmp_path, rng
+):
+    mesh, _ = quarters(21, 20, 8.0)
+    rig = BlendshapeRig(mesh, ["a", "b"], rng.normal(size=(2, mesh.n_vertices, 3)))
+    takes = {
+        name: WeightSequence(rng.uniform(0, 1, (60, 2)), ["a", "b"], 15) for name in ("x", "y")
+    }
+    given = {}
+    monkeypatch.setenv("FACELAB_CACHE", str(tmp_path))
+    monkeypatch.setattr(results.data, "TAKES", takes)
+    monkeypatch.setattr(results.data, "load_ict_facekit", lambda: rig)
+    monkeypatch.setattr(results.data, "load_take", takes.get)
+    monkeypatch.setattr(
+        results, "segment_face", lambda *_, **__: SimpleNamespace(labels=np.zeros(1))
+    )
+
+    def compare(learned, regions, X, targets, pieces):
+        given.update(learned=learned, X=X, pieces=pieces, **targets)
+        return {}
+
+    monkeypatch.setattr(results, "compare", compare)
+    monkeypatch.setattr(results, "_kept", lambda name, digest, make: make())
+    results.real()
+    samples, small = mesh.subsample(397)
+    clean = {n: rig.on(samples, small).animate(t).displacements() for n, t in takes.items()}
+    np.testing.assert_allclose(given["truth"], clean["y"], atol=1e-4)
+    np.testing.assert_array_equal(given["frames"], given["X"])
+    for noisy, truth in ((given["learned"], clean["x"]), (given["X"], clean["y"])):
+        assert np.std(noisy - truth) == pytest.approx(results.NOISE, rel=0.02)
+    assert given["pieces"].tolist() == [0] * 30 + [1] * 30
