@@ -1,6 +1,7 @@
 """One room for each kind of file, in and out."""
 
 from facelab.files.gltf import write_clip_glb, write_glb
+from facelab.files.landmarks import read_landmarks
 from facelab.files.markers import read_c3d, read_markers, write_c3d
 from facelab.files.meshes import read_mesh, read_parts
 from facelab.files.obj import read_obj, write_obj
@@ -19,6 +20,7 @@ __all__ = [
     "load_clip",
     "load_pose",
     "read_c3d",
+    "read_landmarks",
     "read_live_link_csv",
     "read_log",
     "read_markers",
