@@ -54,7 +54,7 @@ from facelab.files import read_markers, read_mesh, read_rig, read_weights
 from facelab.geometry import TriangleMesh, bind_to_samples
 from facelab.models import HolisticModel, RegionModel, rms_error
 from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
-from facelab.pipeline import model_from_take, plausible_mixtures
+from facelab.pipeline import model_from_take
 from facelab.posing import PosingSession
 from facelab.registration import fit_markers, fit_scan, register_sequence
 from facelab.rig import BlendshapeRig
@@ -88,7 +88,6 @@ __all__ = [
     "model_from_take",
     "models",
     "numeric",
-    "plausible_mixtures",
     "posing",
     "read_markers",
     "read_mesh",

@@ -13,7 +13,6 @@ from facelab.geometry.mesh import TriangleMesh
 from facelab.models.evaluation import rms_error
 from facelab.models.region import RegionModel
 from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
-from facelab.names import normalised
 from facelab.posing.session import PosingSession
 from facelab.registration.fit import MarkerFit, fit_markers, rest_markers
 from facelab.registration.sequence import register_sequence
@@ -199,61 +198,6 @@ def model_from_take(
     return LearnedFace(
         neutral, control, samples, motion, regions, model, binding, error, registrations
     )
-
-
-def plausible_mixtures(rig, n_frames=600, fps=30.0, random_state=0):
-    """Faces that a rig makes of a few of its shapes at once, where there is no take.
-
-    Each frame mixes one to six units at random weights. A unit is a shape, or both sides of one:
-    these move together in three frames of four, nearly alike. Units that undo each other (left and
-    right of a jaw, up and down of a brow: displacements with a cosine below -0.4) do not meet.
-
-    Parameters
-    ----------
-    rig : BlendshapeRig
-    n_frames : int, default=600
-    fps : float, default=30.0
-        The frames have no order in time; a rate is only needed to go on with them as a take.
-    random_state : int, default=0
-
-    Returns
-    -------
-    WeightSequence
-        Weights from 0 to 1, by the rig's names.
-
-    Examples
-    --------
-    >>> import facelab
-    >>> rig = facelab.load_example().rig
-    >>> take = facelab.plausible_mixtures(rig, 100)
-    >>> take.n_frames, bool(1 < (take.weights > 0).sum(axis=1).mean() < 12)
-    (100, True)
-    """
-    check_type(rig, "rig", BlendshapeRig, "give a rig")
-    n_frames = check_count(n_frames, "n_frames", 1, None, "frames")
-    rng = np.random.default_rng(random_state)
-    flat = rig.deltas.reshape(len(rig.names), -1).astype(float)
-    size = np.linalg.norm(flat, axis=1)
-    unit = flat / np.where(size > 0, size, 1)[:, None]
-    contrary = unit @ unit.T < -0.4
-    sided = {}
-    for k, name in enumerate(rig.names):
-        if size[k] > 0:
-            plain = normalised(name)
-            sided.setdefault(plain.removesuffix("left").removesuffix("right"), []).append(k)
-    pairs = [k for k in sided.values() if len(k) == 2 and not contrary[k[0], k[1]]]
-    single = [[k] for k in np.flatnonzero(size > 0) if not any(k in pair for pair in pairs)]
-    units = pairs + single
-    W = np.zeros((n_frames, len(rig.names)))
-    for row in W:
-        for _ in range(rng.integers(1, 7)):
-            shapes = units[rng.integers(len(units))]
-            if contrary[shapes][:, row > 0].any():
-                continue
-            if len(shapes) == 2 and rng.random() < 0.25:
-                shapes = [shapes[rng.integers(2)]]
-            row[shapes] = rng.beta(1.2, 1.5) * rng.uniform(0.85, 1, len(shapes))
-    return WeightSequence(W, rig.names, fps)
 
 
 class _Markers:

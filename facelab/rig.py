@@ -7,12 +7,12 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.blas import daxpy
 
-from facelab.checks import as_finite
+from facelab.checks import as_finite, check_count
 from facelab.face_model import FaceModel
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size
-from facelab.motion import MotionSequence
-from facelab.names import canonical, match_names
+from facelab.motion import MotionSequence, WeightSequence
+from facelab.names import canonical, match_names, normalised
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,6 +269,57 @@ class BlendshapeRig(FaceModel):
         NameMatch(1 of 2 shapes driven by 1 of 1 names)
         """
         return match_names(self.names, take.names)
+
+    def plausible_mixtures(self, n_frames=600, fps=30.0, random_state=0):
+        """Faces that the rig makes of a few of its shapes at once, where there is no take.
+
+        Each frame mixes one to six units at random weights. A unit is a shape, or both sides of one:
+        these move together in three frames of four, nearly alike. Units that undo each other (left and
+        right of a jaw, up and down of a brow: displacements with a cosine below -0.4) do not meet.
+
+        Parameters
+        ----------
+        n_frames : int, default=600
+        fps : float, default=30.0
+            The frames have no order in time; a rate is only needed to go on with them as a take.
+        random_state : int, default=0
+
+        Returns
+        -------
+        WeightSequence
+            Weights from 0 to 1, by the rig's names.
+
+        Examples
+        --------
+        >>> import facelab
+        >>> take = facelab.load_example().rig.plausible_mixtures(100)
+        >>> take.n_frames, bool(1 < (take.weights > 0).sum(axis=1).mean() < 12)
+        (100, True)
+        """
+        n_frames = check_count(n_frames, "n_frames", 1, None, "frames")
+        rng = np.random.default_rng(random_state)
+        flat = self.deltas.reshape(len(self.names), -1).astype(float)
+        size = np.linalg.norm(flat, axis=1)
+        unit = flat / np.where(size > 0, size, 1)[:, None]
+        contrary = unit @ unit.T < -0.4
+        sided = {}
+        for k, name in enumerate(self.names):
+            if size[k] > 0:
+                plain = normalised(name)
+                sided.setdefault(plain.removesuffix("left").removesuffix("right"), []).append(k)
+        pairs = [k for k in sided.values() if len(k) == 2 and not contrary[k[0], k[1]]]
+        single = [[k] for k in np.flatnonzero(size > 0) if not any(k in pair for pair in pairs)]
+        units = pairs + single
+        W = np.zeros((n_frames, len(self.names)))
+        for row in W:
+            for _ in range(rng.integers(1, 7)):
+                shapes = units[rng.integers(len(units))]
+                if contrary[shapes][:, row > 0].any():
+                    continue
+                if len(shapes) == 2 and rng.random() < 0.25:
+                    shapes = [shapes[rng.integers(2)]]
+                row[shapes] = rng.beta(1.2, 1.5) * rng.uniform(0.85, 1, len(shapes))
+        return WeightSequence(W, self.names, fps)
 
     def rig_weights(self, take):
         """Recorded weights in the rig's order, clipped to [0, 1]; zero in lost frames.

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from planted import bumpy_rig
 
-from facelab.pipeline import plausible_mixtures
 from facelab.rig import BlendshapeRig
 
 
@@ -20,23 +19,23 @@ def sided():
 
 
 def test_shapes_that_undo_each_other_never_meet(sided):
-    W = plausible_mixtures(sided, 500).weights
+    W = sided.plausible_mixtures(500).weights
     assert (W[:, 0] > 0).any() and (W[:, 1] > 0).any()
     assert not ((W[:, 0] > 0) & (W[:, 1] > 0)).any()
 
 
 def test_both_sides_of_a_unit_move_together_in_most_frames_and_nearly_alike(sided):
-    left, right = plausible_mixtures(sided, 500).weights[:, 2:4].T
+    left, right = sided.plausible_mixtures(500).weights[:, 2:4].T
     one, both = (left > 0) ^ (right > 0), (left > 0) & (right > 0)
     assert 0.05 < one.sum() / (one | both).sum() < 0.4
     assert np.median(np.abs(left - right)[both]) < 0.2
 
 
 def test_weights_are_those_of_a_face_and_the_same_each_time(sided):
-    take = plausible_mixtures(sided, 300, random_state=4)
+    take = sided.plausible_mixtures(300, random_state=4)
     assert take.weights.min() >= 0 and 0.5 < take.weights.max() <= 1
     assert not take.weights[:, 4].any()  # a shape that moves nothing is no unit
     np.testing.assert_array_equal(
-        take.weights, plausible_mixtures(sided, 300, random_state=4).weights
+        take.weights, sided.plausible_mixtures(300, random_state=4).weights
     )
-    assert not np.array_equal(take.weights, plausible_mixtures(sided, 300).weights)
+    assert not np.array_equal(take.weights, sided.plausible_mixtures(300).weights)

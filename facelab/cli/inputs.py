@@ -29,7 +29,7 @@ def add_marker_options(parser):
     group.add_argument("--subject", metavar="NAME", help="only markers of this subject")
     group.add_argument("--template", metavar="MESH", help="face to fit; a synthetic one if not")
     group.add_argument(
-        "--landmarks", metavar="JSON", help="of the template: .ljson, or JSON {name: vertex}"
+        "--landmarks", metavar="FILE", help="of the template: .ljson, .pp, or a list of vertices"
     )
     group.add_argument(
         "--rest", metavar="TAKE", help="that begins with the face at rest; each its own if not"

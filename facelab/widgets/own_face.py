@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from facelab.pipeline import model_from_take, plausible_mixtures
+from facelab.pipeline import model_from_take
 from facelab.rig import BlendshapeRig
 
 _NOISE = 0.3  # mm per axis, as a capture has it
@@ -35,7 +35,7 @@ def own_face(rig, take=None, n_components=20, n_regions=9):
         rig = rig.on(np.flatnonzero(face))
     mixed = take is None
     learned = model_from_take(
-        plausible_mixtures(rig) if mixed else take,
+        rig.plausible_mixtures() if mixed else take,
         rig,
         n_components=n_components,
         n_regions=n_regions,

@@ -129,7 +129,7 @@ class PosingLab(Page):
         """A lab of one's own rig: the rig as it is, and a region model that learned from it.
 
         The region model learns from the take, or, where there is none, from plausible mixtures of
-        the rig's own shapes (`plausible_mixtures`), with 0.3 mm of noise.
+        the rig's own shapes (`BlendshapeRig.plausible_mixtures`), with 0.3 mm of noise.
 
         Parameters
         ----------
