@@ -273,9 +273,10 @@ class BlendshapeRig(FaceModel):
     def plausible_mixtures(self, n_frames=600, fps=30.0, random_state=0):
         """Faces that the rig makes of a few of its shapes at once, where there is no take.
 
-        Each frame mixes one to six units at random weights. A unit is a shape, or both sides of one:
-        these move together in three frames of four, nearly alike. Units that undo each other (left and
-        right of a jaw, up and down of a brow: displacements with a cosine below -0.4) do not meet.
+        Each frame mixes one to six units at random weights. A unit is a shape, or both sides of
+        one: these move together in three frames of four, nearly alike. Units that undo each other
+        (a jaw to the left and to the right, a brow up and down: displacements with a cosine below
+        -0.4) do not meet.
 
         Parameters
         ----------
