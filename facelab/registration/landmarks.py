@@ -247,17 +247,23 @@ def _order(among, target, names):
     # the distances between the places decide which is looked at: no order changes them
     apart = [np.linalg.norm(p[:, None] - p[None], axis=2) for p in (among.source, target)]
     apart[1] *= among.spread / _spread(target)
-    off = [np.abs(apart[1][np.ix_(order, order)] - apart[0]).mean() for order, _, _ in ways]
+    off = [np.median(np.abs(apart[1][np.ix_(o, o)] - apart[0])) for o, _, _ in ways]
     for k in np.argsort(off)[:3]:
         order, by, back = ways[k]
-        if not among.judge(target[order]).wrong:
+        kept = np.arange(n)
+        lost = 2 * min(by, n - by)
+        if not back and lost <= n // 3:  # among more names, what falls off is no landmark
+            kept = kept[lost:] if by < n - by else kept[:-lost]
+        some = _Field(among.source[kept], [names[i] for i in kept])
+        if not some.judge(target[order[kept]]).wrong:
+            i = kept[0]
             if back:
                 how = "backwards" + (f" and shifted by {by}" if by else "")
             else:
                 how = f"shifted by {min(by, n - by)} place(s)"
             return (
                 f"the names are in another order than the places, {how}: the place called "
-                f"{names[order[0]]} is that of {names[0]}, and so on. Name them in their order."
+                f"{names[order[i]]} is that of {names[i]}, and so on. Name them in their order."
             )
     return None
 

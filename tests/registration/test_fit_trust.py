@@ -179,6 +179,14 @@ def test_markers_say_which_names_are_exchanged(template, glued):
         fit_markers(template, positions, [other_side(n) for n in names])
 
 
+@pytest.mark.parametrize("by", [1, -1, 2])
+def test_names_that_slip_along_the_list_are_told_though_some_are_no_landmarks(by, template, glued):
+    positions, names = glued
+    slipped = [*names[by:], *names[:by]]
+    with pytest.raises(ValueError, match=rf"another order than the places, shifted by {abs(by)} "):
+        fit_markers(template, positions, slipped)
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
