@@ -121,6 +121,7 @@ def copied(sources, folder):
 def _started(arguments, options):
     """Fetch the data, then run a server of Jupyter until it ends: the exit code."""
     command = [sys.executable, *arguments]
+    command.append("--ServerApp.answer_yes=True")  # Ctrl+C is enough
     command.append(f"--ServerApp.kernel_websocket_connection_class={_NO_DELAY}")
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         command.append("--allow-root")  # in a container one is root, and may be
@@ -130,9 +131,24 @@ def _started(arguments, options):
         command.append("--no-browser")
     try:
         subprocess.run([sys.executable, "-m", "facelab.data"], check=False)
-        code = subprocess.run(command, check=False).returncode
-    except KeyboardInterrupt:  # the server heard it too, and ends by itself
+    except KeyboardInterrupt:
+        return STOPPED
+    code, stopped = _until_it_ends(command)
+    if stopped:
         return STOPPED
     if code:
         complain(f"facelab {options.command}: the server of Jupyter ended with code {code}.")
     return FAILED if code else DONE
+
+
+def _until_it_ends(command):
+    """Run a server: its exit code, and whether Ctrl+C ended it. It ends its kernels by itself."""
+    stopped = False
+    with subprocess.Popen(command) as server:
+        while True:
+            try:
+                return server.wait(), stopped
+            except KeyboardInterrupt:  # in a terminal the server hears it too
+                stopped = True
+                if os.name != "nt":  # there, that would end it on the spot
+                    server.terminate()
