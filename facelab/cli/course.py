@@ -18,6 +18,7 @@ FIRST = "01_capture.ipynb"
 PAGE = "posing.ipynb"
 FOLDER = "facelab-lab"
 
+_PATIENCE = 10.0  # seconds in which a server of Jupyter has ended its kernels
 _NO_DELAY = "facelab.widgets.server.NoDelayConnection"
 
 
@@ -143,12 +144,12 @@ def _started(arguments, options):
 
 def _until_it_ends(command):
     """Run a server: its exit code, and whether Ctrl+C ended it. It ends its kernels by itself."""
-    stopped = False
     with subprocess.Popen(command) as server:
-        while True:
+        try:
+            return server.wait(), False
+        except KeyboardInterrupt:  # from a terminal the server heard it too
             try:
-                return server.wait(), stopped
-            except KeyboardInterrupt:  # in a terminal the server hears it too
-                stopped = True
-                if os.name != "nt":  # there, that would end it on the spot
-                    server.terminate()
+                server.wait(timeout=_PATIENCE)
+            except subprocess.TimeoutExpired:
+                server.terminate()
+            return server.wait(), True
