@@ -18,6 +18,7 @@ FIRST = "01_capture.ipynb"
 PAGE = "posing.ipynb"
 FOLDER = "facelab-lab"
 
+_PATIENCE = 10.0  # seconds in which a server of Jupyter has ended its kernels
 _NO_DELAY = "facelab.widgets.server.NoDelayConnection"
 
 
@@ -121,6 +122,7 @@ def copied(sources, folder):
 def _started(arguments, options):
     """Fetch the data, then run a server of Jupyter until it ends: the exit code."""
     command = [sys.executable, *arguments]
+    command.append("--ServerApp.answer_yes=True")  # Ctrl+C is enough
     command.append(f"--ServerApp.kernel_websocket_connection_class={_NO_DELAY}")
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         command.append("--allow-root")  # in a container one is root, and may be
@@ -130,9 +132,24 @@ def _started(arguments, options):
         command.append("--no-browser")
     try:
         subprocess.run([sys.executable, "-m", "facelab.data"], check=False)
-        code = subprocess.run(command, check=False).returncode
-    except KeyboardInterrupt:  # the server heard it too, and ends by itself
+    except KeyboardInterrupt:
+        return STOPPED
+    code, stopped = _until_it_ends(command)
+    if stopped:
         return STOPPED
     if code:
         complain(f"facelab {options.command}: the server of Jupyter ended with code {code}.")
     return FAILED if code else DONE
+
+
+def _until_it_ends(command):
+    """Run a server: its exit code, and whether Ctrl+C ended it. It ends its kernels by itself."""
+    with subprocess.Popen(command) as server:
+        try:
+            return server.wait(), False
+        except KeyboardInterrupt:  # from a terminal the server heard it too
+            try:
+                server.wait(timeout=_PATIENCE)
+            except subprocess.TimeoutExpired:
+                server.terminate()
+            return server.wait(), True

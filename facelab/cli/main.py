@@ -5,7 +5,7 @@ import sys
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from facelab.cli import convert, course, pose, read_units, register, segment, train
+from facelab.cli import convert, course, pose, read_units, register, segment, train, translate
 from facelab.cli.batch import FAILED, STOPPED, WRONG, Report, UsageError, plan, run
 from facelab.cli.terminal import complain, hushed
 
@@ -14,6 +14,7 @@ COMMANDS = {
     "train": train,
     "segment": segment,
     "read-units": read_units,
+    "translate": translate,
     "pose": pose,
     "convert": convert,
 }

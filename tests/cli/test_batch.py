@@ -15,6 +15,11 @@ from facelab.cli import convert, main
 from facelab.cli.batch import Job
 from facelab.cli.terminal import plain
 
+COMMANDS = (
+    *("register", "train", "segment", "read-units", "translate", "pose", "convert"),
+    *("lab", "app"),
+)
+
 
 @pytest.fixture
 def folder(tmp_path):
@@ -204,7 +209,7 @@ def test_python_m_facelab_shows_every_command():
     process = facelab_process("--help", **pipe)
     out, err = process.communicate(timeout=120)
     assert process.returncode == 0 and not err
-    for name in ("register", "train", "segment", "read-units", "pose", "convert", "lab", "app"):
+    for name in COMMANDS:
         assert name in out
 
 
@@ -222,7 +227,7 @@ def test_a_reader_that_leaves_does_not_stop_the_work(folder):
     assert sorted(p.name for p in out.iterdir()) == ["a.ply", "c.ply"]
 
 
-@pytest.mark.parametrize("name", ["register", "train", "segment", "read-units", "pose", "convert"])
+@pytest.mark.parametrize("name", COMMANDS)
 def test_help_of_every_command_has_an_example_of_its_own(name, capsys):
     assert main([name, "--help"]) == 0
     assert f"facelab {name} " in capsys.readouterr().out.split("examples:")[1]

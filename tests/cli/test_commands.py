@@ -316,6 +316,24 @@ def test_a_sketch_in_the_order_of_the_rigs_own_file_finds_its_seams_closed(rig, 
     assert said["units"] == pytest.approx({"AU3": 0.5}, abs=1e-3)
 
 
+# --- translate ------------------------------------------------------------------------------------
+
+
+def test_a_take_goes_to_another_rig_as_the_package_translates_it(rig, rig_file, rng, run, tmp_path):
+    other = rig.renamed({name: f"shape {name}" for name in rig.names[:6]})
+    files.write_rig(tmp_path / "other.npz", other)
+    take = WeightSequence(rng.uniform(size=(30, 12)), rig.names, 30)
+    files.write_weights_csv(tmp_path / "take.csv", take)
+    rigs = ["--from", rig_file, "--into", tmp_path / "other.npz"]
+    said = run("translate", tmp_path / "take.csv", *rigs, "-o", tmp_path / "to.csv", "--lam", 0)
+    made = facelab.read_weights(tmp_path / "to.csv")
+    wanted = facelab.expression.translate(take, rig, other, lam=0)
+    assert made.names == other.names
+    np.testing.assert_allclose(made.weights, wanted.weights, atol=1e-9)
+    assert said["rms_mm"] == pytest.approx(np.sqrt((wanted.report.errors**2).mean()))
+    assert said["rms_mm"] < 0.5 * said["size_of_motion_mm"]
+
+
 # --- convert --------------------------------------------------------------------------------------
 
 

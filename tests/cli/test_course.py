@@ -17,12 +17,31 @@ def started(monkeypatch):
     """Commands that would have been started; nothing is."""
     commands = []
 
-    def run(command, check):
-        commands.append(command)
-        return SimpleNamespace(returncode=0)
-
-    monkeypatch.setattr(subprocess, "run", run)
+    monkeypatch.setattr(subprocess, "run", lambda command, check: commands.append(command))
+    monkeypatch.setattr(subprocess, "Popen", lambda command: commands.append(command) or Server(0))
     return commands
+
+
+class Server:
+    """A process that ends as it is told: with a code, or after Ctrl+C when it is asked to end."""
+
+    def __init__(self, *waits):
+        self.waits, self.asked = list(waits), 0
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        pass
+
+    def wait(self, timeout=None):
+        code = self.waits.pop(0)
+        if isinstance(code, BaseException):
+            raise code
+        return code
+
+    def terminate(self):
+        self.asked += 1
 
 
 def test_the_notebooks_are_copied_and_the_first_is_opened(started, tmp_path):
@@ -64,16 +83,21 @@ def test_a_machine_without_user_numbers_starts_too(started, tmp_path, monkeypatc
     assert "--allow-root" not in started[1]
 
 
-def test_a_server_that_fails_ends_with_1_and_ctrl_c_with_130(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(subprocess, "run", lambda *a, **k: SimpleNamespace(returncode=3))
+@pytest.mark.parametrize("hears", [True, False])
+def test_ctrl_c_waits_for_the_server_to_end_and_ends_with_130(
+    hears, started, tmp_path, monkeypatch
+):
+    late = subprocess.TimeoutExpired("server", 10)
+    server = Server(KeyboardInterrupt(), *([] if hears else [late]), 0, 0)
+    monkeypatch.setattr(subprocess, "Popen", lambda command: server)
+    assert main(["app", str(tmp_path)]) == 130
+    assert server.asked == (not hears)
+
+
+def test_a_server_that_fails_ends_with_1(started, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(subprocess, "Popen", lambda command: Server(3))
     assert main(["lab", str(tmp_path)]) == 1
     assert "code 3" in capsys.readouterr().err
-
-    def interrupted(*a, **k):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(subprocess, "run", interrupted)
-    assert main(["app", str(tmp_path)]) == 130
 
 
 def test_an_installation_without_notebooks_says_so(tmp_path, monkeypatch, capsys):
