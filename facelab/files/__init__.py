@@ -2,7 +2,7 @@
 
 from facelab.files.gltf import write_clip_glb, write_glb, write_motion_glb
 from facelab.files.into import write_into
-from facelab.files.ljson import read_landmarks, write_landmarks
+from facelab.files.landmarks import read_landmarks, write_landmarks
 from facelab.files.markers import read_c3d, read_markers, write_c3d
 from facelab.files.meshes import read_mesh, read_parts
 from facelab.files.npz import npz_kind, read_face, read_motion, write_face, write_motion

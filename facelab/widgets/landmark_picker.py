@@ -4,7 +4,7 @@ import ipywidgets as widgets
 import numpy as np
 
 from facelab.data.actors import load_template
-from facelab.files.ljson import write_landmarks
+from facelab.files.landmarks import write_landmarks
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.numeric.undo import History
