@@ -1,5 +1,6 @@
 """A rough sketch becomes action units, and goes to other faces (Yu and Liu 2014)."""
 
+from facelab.expression.landmarks import guess_landmarks
 from facelab.expression.regression import (
     CRITERIA,
     ExpressionFit,
@@ -25,6 +26,7 @@ __all__ = [
     "UnitBasis",
     "UnitCarrier",
     "find_alignment",
+    "guess_landmarks",
     "held_out_error",
     "least_squares",
     "prepare_units",
