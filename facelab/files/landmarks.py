@@ -16,7 +16,7 @@ from facelab.files.text import text_lines
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.storage import StoredArrays, atomic_path, existing_file
 
-KINDS = (".ljson", ".pp", ".txt", ".csv", ".npy", ".npz")
+KINDS = (".ljson", ".json", ".pp", ".txt", ".csv", ".npy", ".npz")
 """Endings of files that hold landmarks that can be read."""
 
 _NUMBERED = {68: MULTI_PIE, 51: MULTI_PIE[17:]}  # lists without names in an order all know
@@ -26,6 +26,42 @@ _INTEGER = re.compile(r"-?\d{1,15}", re.ASCII)
 _UP = ("eye_right_outer", "eye_left_outer", "chin", "nose_tip")
 
 
+def write_landmarks(path, vertices, landmarks):
+    """Write landmarks as .ljson, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+    vertices : ndarray of shape (n_vertices, 3)
+        Of the mesh, in the unit that the file shall have.
+    landmarks : dict of str to int
+        Vertex of each.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For no landmarks, or one that is no vertex of the mesh.
+
+    References
+    ----------
+    menpo project, landmark file format, version 3.
+    """
+    vertices = as_finite(vertices, "vertices", ("n_vertices", 3))
+    if not landmarks:
+        raise ValueError("landmarks is empty; set one or more first.")
+    at = [
+        check_index(v, f"landmarks[{n!r}]", len(vertices), "vertices") for n, v in landmarks.items()
+    ]
+    own = np.eye(len(at), dtype=bool).tolist()
+    labels = [{"label": n, "mask": m} for n, m in zip(landmarks, own, strict=True)]
+    group = {
+        "landmarks": {"points": vertices[at].tolist(), "connectivity": []},
+        "labels": labels,
+    }
+    with atomic_path(path) as part:
+        part.write_text(json.dumps({"version": 3, "groups": {"PTS": group}}, ensure_ascii=False))
+
+
 def read_landmarks(path, mesh, names=None, scale=1.0):
     """Landmarks of a mesh: its vertices by name.
 
@@ -33,8 +69,9 @@ def read_landmarks(path, mesh, names=None, scale=1.0):
     ----------
     path : str or Path
         `.ljson` of menpo (version 1 to 3, three-dimensional) and `.pp` of MeshLab have points,
-        which go to the nearest vertex. `.txt`, `.csv` and `.npy` have indices of vertices, the
-        former with or without a name in front of each. `.npz` has places in triangles, as FLAME's
+        which go to the nearest vertex. `.json` has those of menpo, or a vertex for each name,
+        `{"chin": 1204}`. `.txt`, `.csv` and `.npy` have indices of vertices, the former with or
+        without a name in front of each. `.npz` has places in triangles, as FLAME's
         embeddings do: an array of triangles (n,) with `face` in its name, and one of barycentric
         weights (n, 3) with `b_coords` or `bary`; each goes to its nearest corner.
     mesh : TriangleMesh
@@ -78,12 +115,14 @@ def read_landmarks(path, mesh, names=None, scale=1.0):
         raise ValueError(f"{path}: unknown kind of landmarks; readable are {', '.join(KINDS)}.")
     if path.stat().st_size > _MOST:
         raise ValueError(f"{path}: {path.stat().st_size / 1e6:.0f} MB are no file of landmarks.")
-    if kind in (".ljson", ".pp"):
-        found, points = (_ljson if kind == ".ljson" else _picked)(path)
+    top = load_json(path.read_bytes(), path, "file of landmarks") if "json" in kind else None
+    if kind == ".pp" or (top is not None and {"version", "groups", "landmarks"} & set(top.value)):
+        found, points = _picked(path) if top is None else _ljson(path, top)
         labels = _named(path, found, len(points), names)
         found = _nearest(path, mesh, labels, scale * points)
     else:
-        found, indices = {".npy": _npy, ".npz": _npz}.get(kind, _listed)(path, mesh)
+        read = {".npy": _npy, ".npz": _npz, ".txt": _listed, ".csv": _listed}
+        found, indices = read[kind](path, mesh) if top is None else _of_names(path, top)
         labels = _named(path, found, len(indices), names)
         out = (indices < 0) | (indices >= mesh.n_vertices)
         if out.any():
@@ -97,48 +136,13 @@ def read_landmarks(path, mesh, names=None, scale=1.0):
     return found
 
 
-def write_landmarks(path, vertices, landmarks):
-    """Write landmarks as .ljson, whole or not at all.
-
-    Parameters
-    ----------
-    path : str or Path
-    vertices : ndarray of shape (n_vertices, 3)
-        Of the mesh, in the unit that the file shall have.
-    landmarks : dict of str to int
-        Vertex of each.
-
-    Raises
-    ------
-    ValueError, TypeError
-        For no landmarks, or one that is no vertex of the mesh.
-
-    References
-    ----------
-    menpo project, landmark file format, version 3.
-    """
-    vertices = as_finite(vertices, "vertices", ("n_vertices", 3))
-    if not landmarks:
-        raise ValueError("landmarks is empty; set one or more first.")
-    at = [
-        check_index(v, f"landmarks[{n!r}]", len(vertices), "vertices") for n, v in landmarks.items()
-    ]
-    labels = [{"label": name, "mask": [k]} for k, name in enumerate(landmarks)]
-    group = {
-        "landmarks": {"points": vertices[at].tolist(), "connectivity": []},
-        "labels": labels,
-    }
-    with atomic_path(path) as part:
-        part.write_text(json.dumps({"version": 3, "groups": {"PTS": group}}, ensure_ascii=False))
-
-
 # --- points ---------------------------------------------------------------------------------------
 
 
-def _ljson(path):
+def _ljson(path, top):
     """Names, or None, and points (n, 3), NaN where one is missing, of a file of menpo."""
-    top = load_json(path.read_bytes(), path, "LJSON file")
-    version = top.whole("version", low=1, high=3)
+    nested = isinstance(top.value.get("groups", []), dict)
+    version = top.whole("version", 3 if nested else 2, low=1, high=3)
     if version == 1:
         names, rows = [], []
         for group in top.items("groups"):
@@ -161,6 +165,10 @@ def _ljson(path):
     rows = [_point(type(held)(listed, path, held.at("points")), k) for k in listed]
     names = [None] * len(rows)
     for label in top.items("labels"):
+        mask = label.value.get("mask")
+        if isinstance(mask, list) and len(mask) == len(rows) and all(m in (0, 1) for m in mask):
+            if any(isinstance(m, bool) for m in mask):  # as some write it; menpo lists places
+                label.value["mask"] = [k for k, m in enumerate(mask) if m]
         mask = label.wholes("mask", of=rows)
         text = label.text("label", "")
         for k, v in enumerate(mask):
@@ -274,6 +282,13 @@ def _listed(path, mesh):
     if not numbers:
         raise ValueError(f"{path}: no vertices in it.")
     return names or None, np.array(numbers, dtype=np.int64)
+
+
+def _of_names(path, top):
+    """Names and vertices of an object of JSON."""
+    if not top.value:
+        raise ValueError(f"{path}: it names no landmark.")
+    return list(top.value), np.array([top.whole(name) for name in top.value], dtype=np.int64)
 
 
 def _npy(path, mesh):

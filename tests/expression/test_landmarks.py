@@ -24,8 +24,8 @@ def off(rig, found):
 
 def test_ten_landmarks_of_an_actor_are_near_where_they_are(actor):
     found = off(actor, guess_landmarks(actor))
-    assert len(found) == 10 and max(found.values()) < 10  # millimetres
-    assert max(mm for n, mm in found.items() if not n.startswith("eye")) < 8
+    assert len(found) == 10 and max(found.values()) < 9  # millimetres
+    assert max(found[n] for n in ("nose_tip", "lip_upper", "lip_lower")) < 3
 
 
 def test_left_and_right_are_the_persons(actor):
@@ -44,10 +44,8 @@ def test_the_size_of_the_shapes_and_still_pieces_do_not_matter(actor):
 
 
 @pytest.mark.real
-def test_on_the_generic_face_they_are_within_seven_millimetres(real_rig):
-    found = off(real_rig, guess_landmarks(real_rig))
-    assert max(found.values()) < 7
-    assert max(mm for n, mm in found.items() if not n.startswith("eye")) < 3.5
+def test_on_the_generic_face_they_are_within_four_millimetres(real_rig):
+    assert max(off(real_rig, guess_landmarks(real_rig)).values()) < 4
 
 
 @pytest.mark.real

@@ -102,6 +102,38 @@ def face():
     return grid_mesh(12, 10, 15.0)
 
 
+def test_landmarks_come_back_from_ljson_and_from_plain_json(face, tmp_path):
+    marks = {"chin": 3, "nose_tip": 64, "größe": 7}
+    files.write_landmarks(tmp_path / "m.ljson", face.vertices, marks)
+    assert files.read_landmarks(tmp_path / "m.ljson", face) == marks
+    (tmp_path / "m.json").write_text(json.dumps(marks), encoding="utf-8")
+    assert files.read_landmarks(tmp_path / "m.json", face) == marks
+
+
+def test_landmarks_of_another_mesh_are_refused(face, tmp_path):
+    files.write_landmarks(tmp_path / "m.ljson", 10 * face.vertices, {"chin": 119})
+    with pytest.raises(ValueError, match=r"m\.ljson.* from any vertex, chin .* of another mesh"):
+        files.read_landmarks(tmp_path / "m.ljson", face)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{}", "[]", '{"chin": 120}', '{"chin": 1.5}', '{"chin": true}', '{"groups": 3}',
+        '{"groups": {"PTS": {}}}',
+        '{"groups": {"A": {}, "B": {}}}',
+        '{"groups": {"PTS": {"landmarks": {"points": [[0, 0]]}, "labels": []}}}',
+        '{"groups": {"PTS": {"landmarks": {"points": [[0, 0, 0]]}, "labels": [7]}}}',
+        '{"groups": {"PTS": {"landmarks": {"points": [[0, 0, 0]]}, '
+        '"labels": [{"label": "chin", "mask": [false]}]}}}',
+    ],
+)  # fmt: skip
+def test_what_is_no_file_of_landmarks_is_refused_by_file(text, face, tmp_path):
+    (tmp_path / "m.json").write_text(text)
+    with pytest.raises(ValueError, match=r"m\.json"):
+        files.read_landmarks(tmp_path / "m.json", face)
+
+
 # --- motion as GLB, colours in PLY ----------------------------------------------------------------
 
 
