@@ -1,5 +1,7 @@
 """Motion and faces as files, and motion as GLB: what is written comes back."""
 
+import json
+
 import numpy as np
 import pytest
 from planted import bumpy_rig, patch_motion, quarters
