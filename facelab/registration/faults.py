@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 from facelab.geometry.alignment import rigid_motion
 from facelab.registration.layout import MarkerLayout
 
-_LEAST = 4.0  # mm; no jump is smaller: five times what noise of 0.3 mm an axis makes in one frame
+_LEAST = 5.0  # mm; no jump is smaller: more than noise makes in one frame, or a blink
 _PAIR = 25.0  # mm; exchanges are looked for this far, or as far as the neighbours of a marker are
-_SURE = 0.6  # of the smallest jump: a change that is none for sure
+_SURE = 0.7  # of the smallest jump: a change that is none for sure
 _LEARNED = 2048  # frames that the motion of each marker is learned from
 _LONGEST = 1.0  # s that a marker may stray and still be known by its return
 _LOOK_BACK = 60  # stretches of a track between jumps, that a later one may follow on
@@ -128,8 +128,8 @@ class StrayJudge:
     weights : ndarray of shape (n_markers,)
         How rigidly each marker moves with the head.
     limit : float or None
-        A marker farther than this from where the others lead it strays, mm; None for the distance
-        of its neighbours, 8 mm or more.
+        A marker farther than this from where the others lead it strays, mm. If None, only one that
+        was never nearer than half as much again as its neighbours are, 12 mm or more.
 
     Attributes
     ----------
@@ -140,7 +140,8 @@ class StrayJudge:
     def __init__(self, layout: MarkerLayout, moved, seen, fps, weights, limit=None):
         self.layout, self.fps, self.weights = layout, fps, weights
         gap = spacing(layout.fit.rest)
-        self.limit = np.full(len(gap), limit) if limit else np.maximum(8.0, gap)
+        self.fixed = limit is not None
+        self.limit = np.full(len(gap), limit) if self.fixed else np.maximum(12.0, 1.5 * gap)
         n_frames, n_markers = seen.shape
         length = 256
         n_parts = max(1, min(_LEARNED, n_frames) // length)
@@ -207,11 +208,10 @@ class StrayJudge:
                 stray[np.ix_(frames, [i, j])] = False
                 _exchange(self.layout.fit.rest, moved, frames, i, j)
             moved[stray] = np.nan
-        frames = np.flatnonzero((_size(e) > self.limit).any(axis=1) | stray.any(axis=1))
-        if frames.size:
-            part = moved[frames]
-            stray[frames] |= self._beyond(part)
-            moved[frames] = part
+        if self.fixed:
+            stray |= self._beyond(moved)
+        elif (_size(e) > self.limit).any():
+            stray |= self._never_home(moved)
         return stray, swaps, full
 
     def _exchanged(self, stray, d, e, most=12):
@@ -250,14 +250,7 @@ class StrayJudge:
 
     def _jumped(self, d, e):
         """Stretches of each track that jump away and back: mask."""
-        seen = np.isfinite(d[..., 0])
-        frame = np.arange(len(d))[:, None]
-        last = np.maximum.accumulate(np.where(seen, frame, -1), axis=0)
-        before = np.vstack([np.full((1, d.shape[1]), -1), last[:-1]])
-        both = seen & (before >= 0)
-        marker = np.arange(d.shape[1])
-        step = np.fmin(_size(d - d[before, marker]), _size(e - e[before, marker]))
-        cut = both & (step > _SURE * self.step * np.sqrt(frame - before))
+        seen, cut = np.isfinite(d[..., 0]), self._cuts(d, e)
         stray = np.zeros(seen.shape, dtype=bool)
         for m in np.flatnonzero(cut.any(axis=0)):
             at = np.flatnonzero(seen[:, m])
@@ -265,6 +258,48 @@ class StrayJudge:
             unusual = _size(e[at, m] - self._centre[m]) / self._range[m]
             stray[at, m] = self._left(at, d[at, m], e[at, m], starts, 1 / (1 + unusual**2), m)
         return stray
+
+    def _cuts(self, d, e):
+        """Samples before which a track may have jumped: mask."""
+        seen = np.isfinite(d[..., 0])
+        frame = np.arange(len(d))[:, None]
+        last = np.maximum.accumulate(np.where(seen, frame, -1), axis=0)
+        before = np.vstack([np.full((1, d.shape[1]), -1), last[:-1]])
+        both = seen & (before >= 0)
+        marker = np.arange(d.shape[1])
+        step = np.fmin(_size(d - d[before, marker]), _size(e - e[before, marker]))
+        return both & (step > _SURE * self.step * np.sqrt(frame - before))
+
+    def _never_home(self, moved, rounds=4):
+        """Stretches of tracks that never are within the limit: mask; `moved` gets NaN.
+
+        A true peak comes from the face and returns to it. The worst of a neighbourhood goes first.
+        """
+        stray = np.zeros(moved.shape[:2], dtype=bool)
+        near = self._neighbours()
+        for _ in range(rounds):
+            e = self._apart(moved)
+            off, cut = _size(e), self._cuts(moved, e)
+            found = []
+            for m in np.flatnonzero((off > self.limit).any(axis=0)):
+                at = np.flatnonzero(np.isfinite(off[:, m]))
+                for part in np.split(at, np.flatnonzero(cut[at, m])):
+                    if part.size and (off[part, m] > self.limit[m]).all():
+                        around = np.nan_to_num(off[np.ix_(part, near[m])]).mean(axis=0)
+                        if off[part, m].mean() > 0.999 * around.max():
+                            found.append((part, m))
+            for part, m in found:
+                stray[part, m] = True
+                moved[part, m] = np.nan
+            if not found:
+                break
+        return stray
+
+    def _neighbours(self):
+        """The markers that each one leads, itself among them."""
+        rest = self.layout.fit.rest
+        near = cKDTree(rest).query_ball_point(rest, np.maximum(30.0, 1.5 * spacing(rest)))
+        return [np.array(n) for n in near]
 
     def _left(self, at, d, e, starts, worth, marker):
         """The stretches of one track that are best left out, so that the others follow smoothly.
@@ -299,9 +334,7 @@ class StrayJudge:
 
         The worst of a neighbourhood goes first: it spoils what its neighbours are judged by.
         """
-        rest = self.layout.fit.rest
-        near = cKDTree(rest).query_ball_point(rest, np.maximum(30.0, 1.5 * spacing(rest)))
-        near = [np.array(n) for n in near]
+        near = self._neighbours()
         stray = np.zeros(moved.shape[:2], dtype=bool)
         frames = np.arange(len(moved))
         for _ in range(rounds):

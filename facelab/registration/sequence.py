@@ -204,7 +204,8 @@ class Registration:
         rest = self.fit.mesh.vertices[vertices].astype(np.float32)
         shape = (len(moved), len(rest), 3)
 
-        def fill(out):
+        def blocks(place):
+            """Each block in turn, made in the array that `place` gives for its frames."""
             bar = tqdm(
                 total=len(moved), desc="dense frames", unit="frame", leave=False,
                 disable=not progress, delay=1,
@@ -212,14 +213,19 @@ class Registration:
             with bar:
                 for first in range(0, len(moved), block):
                     part = moved[first : first + block]
-                    done = out[first : first + block]
-                    np.add(carried(part), rest, out=done)
-                    done[~valid[first : first + block]] = np.nan
-                    bar.update(len(done))
+                    made = place(first, len(part))
+                    np.add(carried(part), rest, out=made)
+                    made[~valid[first : first + block]] = np.nan
+                    yield made
+                    bar.update(len(made))
 
         if isinstance(out, (str, Path)):
-            with atomic_path(out) as path:
-                fill(np.lib.format.open_memmap(path, "w+", np.float32, shape))
+            buffer = np.empty((min(block, len(moved)), *shape[1:]), dtype=np.float32)
+            with atomic_path(out) as path, open(path, "wb") as file:
+                about = {"descr": buffer.dtype.str, "fortran_order": False, "shape": shape}
+                np.lib.format.write_array_header_1_0(file, about)
+                for made in blocks(lambda first, count: buffer[:count]):
+                    file.write(made.data)  # not through a map, whose pages would fill the memory
             return np.load(out, mmap_mode="r")
         if out is None:
             out = np.empty(shape, dtype=np.float32)
@@ -229,7 +235,8 @@ class Registration:
             raise ValueError(
                 f"out has shape {out.shape} and type {out.dtype}, but needs {shape} of float32."
             )
-        fill(out)
+        for _ in blocks(lambda first, count: out[first : first + count]):
+            pass
         return out
 
     def motion(self, vertices=None, mesh=None, out=None, progress=False):
@@ -448,9 +455,9 @@ def register_sequence(fit, markers, head="rigid", bridge=0.1, limit=None, progre
         seconds; longer ones are reported. 0 solves every frame by its own markers alone.
     limit : float, optional
         A marker farther from where the others lead it is a stray and not believed, millimetres. If
-        left out, the distance of its neighbours, 8 mm or more. Whatever it is, markers that jump
-        away and back within a second are strays: how far a jump is follows from how the marker
-        moves in the take.
+        left out, markers are judged by how they move: one that jumps away and back within a second
+        strays, and so does one that is never where it should be; a peak that comes and goes
+        smoothly is kept. How far a jump is follows from how the marker moves in the take.
     progress : bool, default=True
         Show a progress bar if it takes more than a second.
 

@@ -44,16 +44,18 @@ def measure(step, n_frames):
     """Seconds and megabytes of one step."""
     fit, take = long_take(n_frames)
     fit.layout.carry  # noqa: B018 made once for all takes
-    options = {} if "old" in sys.argv else {"progress": False}
     if step == "register":
-        work = lambda: facelab.register_sequence(fit, take, **options)  # noqa: E731
+        work = lambda: facelab.register_sequence(fit, take, progress=False)  # noqa: E731
     else:
-        registration = facelab.register_sequence(fit, take, **options)
+        registration = facelab.register_sequence(fit, take, progress=False)
         if step == "dense":
-            work = lambda: [registration.positions(slice(i, i + 256)) for i in range(0, 8192, 256)]  # noqa: E731
+
+            def work():
+                for first in range(0, 8192, 256):
+                    registration.positions(slice(first, first + 256))
         else:
             place = Path(tempfile.gettempdir()) / f"facelab-{os.getpid()}.npy"
-            work = lambda: registration.positions(slice(0, 20_000), out=place)  # noqa: E731
+            work = lambda: registration.positions(slice(0, 8192), out=place)  # noqa: E731
     Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew here
     before, start = peak_mb(), time.process_time()
     done = work()
@@ -66,7 +68,7 @@ def measure(step, n_frames):
 
 def main():
     """Print a row for each step."""
-    rows = {"register": N_FRAMES, "dense": 8192, "file": 20_000}
+    rows = {"register": N_FRAMES, "dense": 8192, "file": 8192}
     print(f"{N_FRAMES} frames of {N_MARKERS} markers, one thread; positions to 8,820 vertices")
     for step, n_frames in rows.items():
         command = [sys.executable, __file__, step, str(N_FRAMES)]

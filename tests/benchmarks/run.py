@@ -9,6 +9,7 @@ NAMES = (
     "generalisation",
     "latency",
     "locality",
+    "long_takes",
     "markers",
     "readers",
     "registration",
