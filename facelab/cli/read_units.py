@@ -22,6 +22,9 @@ READS, WRITES = (*MESHES, ".npz"), (".csv",)
 def add_options(parser):
     """Options of this command alone."""
     add_rig_options(parser, required=True)
+    parser.add_argument(
+        "--sketch-scale", type=float, metavar="MM", help="millimetres in the sketches' unit"
+    )
     parser.add_argument("--align", action="store_true", help="take rigid motion out of sketches")
     parser.add_argument(
         "--free", action="store_true", help="weights beyond 0 to 1, which are the bounds if not"
@@ -46,7 +49,8 @@ def maker(options):
             )
             rms = _rms(rig, motion, take.weights)
         else:
-            sketch = _on_rig(files.read_mesh(path, scale=options.scale), rig, path)
+            scale = _scale(path, rig) if options.sketch_scale is None else options.sketch_scale
+            sketch = _on_rig(files.read_mesh(path, scale=scale), rig, path)
             fit = regress_expression(
                 basis, sketch, options.lam, [options.alpha], bounds,
                 align=True if options.align else "check",
@@ -64,6 +68,13 @@ def maker(options):
         }
 
     return make
+
+
+def _scale(path, rig):
+    """That of the rig where both are OBJ files, which do not say theirs."""
+    source = "" if rig.source is None else rig.source.path
+    both = path.suffix.lower() == ".obj" and source.lower().endswith(".obj")
+    return rig.source.scale if both else None
 
 
 def _on_rig(mesh, rig, path):
