@@ -44,12 +44,7 @@ from facelab.data import (
     load_take,
     load_template,
 )
-from facelab.expression import (
-    ExpressionSession,
-    IntermediateSpace,
-    regress_expression,
-    translate,
-)
+from facelab.expression import ExpressionSession, IntermediateSpace, regress_expression
 from facelab.files import read_markers, read_mesh, read_rig, read_weights
 from facelab.geometry import TriangleMesh, bind_to_samples
 from facelab.models import HolisticModel, RegionModel, rms_error
@@ -100,7 +95,6 @@ __all__ = [
     "segment_face",
     "segmentation",
     "studies",
-    "translate",
 ]
 
 

@@ -26,7 +26,8 @@ def guess_landmarks(rig):
     A smile moves the corner of the mouth most; where a jaw drops, lips part on the middle line; a
     blink ends at the corners of the eye. Off by at most 2.3 mm on Aura (whose landmarks are
     guesses too), 3.2 mm on the generic face (7 mm at its eyes where they are not open in the mesh)
-    and 8 mm, at the chin, on a synthetic actor: enough to start a fit; look at them before you trust them.
+    and 8 mm, at the chin, on a synthetic actor: enough to start a fit; look at them before you
+    trust them.
 
     Parameters
     ----------

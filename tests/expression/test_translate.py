@@ -1,9 +1,13 @@
+import doctest
+import sys
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 from shapes import sphere_mesh
 
 from data_synth.action_units import actor_rig
+from facelab.expression import landmarks
 from facelab.expression.translate import FEW, Translator, translate
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import WeightSequence
@@ -197,3 +201,10 @@ def test_what_is_no_rig_or_take_is_refused(rig):
         pair.translate(WeightSequence([[0.5]], ["Nase"], 30))
     with pytest.raises(ValueError, match="unknown shape"):
         pair.map_of("nod")
+
+
+def test_the_examples_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for module in (sys.modules[Translator.__module__], landmarks):
+        failed, tried = doctest.testmod(module)
+        assert tried and not failed
