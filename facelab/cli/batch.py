@@ -1,5 +1,6 @@
 """One file or many: what is done is skipped, what fails is told, the rest goes on."""
 
+import contextlib
 import json
 import math
 import time
@@ -243,9 +244,8 @@ def _for_writing(path):
 
 def _one(job, make, report, options):
     """One job done, or told why not."""
-    said, start = [], time.perf_counter()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", UserWarning)
+    start = time.perf_counter()
+    with told(job.label) as said:
         try:
             numbers, why = make(job), None
         except _EXPECTED as error:
@@ -254,10 +254,6 @@ def _one(job, make, report, options):
             why = f"a fault of facelab itself, please report it: {type(error).__name__}: {error}"
             for line in traceback.format_exc().splitlines():
                 complain(line)
-        finally:
-            said += dict.fromkeys(plain(w.message) for w in caught)
-            for text in said:
-                complain(f"warning: {job.label}: {text}")
     if why is not None:
         _failed(report, job, why, said)
         return
@@ -266,6 +262,20 @@ def _one(job, make, report, options):
     report.done.append(entry | numbers)
     if not options.quiet:
         say(f"{job.label} -> {job.target}: {_shown(numbers)}")
+
+
+@contextlib.contextmanager
+def told(label):
+    """What is warned of inside becomes lines on stderr; the list that is given holds them then."""
+    said = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        try:
+            yield said
+        finally:
+            said += dict.fromkeys(plain(w.message) for w in caught)
+            for text in said:
+                complain(f"warning: {label}: {text}")
 
 
 def _reason(error):

@@ -6,7 +6,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from facelab.cli import convert, course, pose, read_units, register, segment, train, translate
-from facelab.cli.batch import FAILED, STOPPED, WRONG, Report, UsageError, plan, run
+from facelab.cli.batch import FAILED, STOPPED, WRONG, Report, UsageError, plan, run, told
 from facelab.cli.terminal import complain, hushed
 
 COMMANDS = {
@@ -68,7 +68,8 @@ def _command(argv):
         together=getattr(command, "TOGETHER", False),
         folders_are_files=hasattr(command, "single") and command.single(options),
     )  # fmt: skip
-    make = command.maker(options)
+    with told(options.command):
+        make = command.maker(options)
     return run(jobs, make, report, options)
 
 

@@ -316,7 +316,7 @@ def test_a_sketch_in_the_order_of_the_rigs_own_file_finds_its_seams_closed(rig, 
     assert said["units"] == pytest.approx({"AU3": 0.5}, abs=1e-3)
 
 
-def test_a_sketch_has_the_unit_of_the_shapes_that_it_was_made_from(rig, run, tmp_path):
+def test_a_sketch_has_the_unit_of_the_shapes_that_it_was_made_from(rig, run, tmp_path, capsys):
     """Shapes in centimetres, known by their size; the sketch says as little as they do."""
     shapes, out = tmp_path / "shapes", tmp_path / "s.csv"
     shapes.mkdir()
@@ -328,6 +328,7 @@ def test_a_sketch_has_the_unit_of_the_shapes_that_it_was_made_from(rig, run, tmp
     files.write_obj(tmp_path / "s.obj", sketch)
     said = run("read-units", tmp_path / "s.obj", "--rig", shapes, "-o", out)
     assert said["units"] == pytest.approx({"AU3": 0.5}, abs=1e-3)
+    assert capsys.readouterr().err.startswith("warning: read-units: ")  # of the unit it took
 
 
 # --- translate ------------------------------------------------------------------------------------
