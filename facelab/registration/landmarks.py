@@ -23,6 +23,7 @@ DOUBTED = 3.0
 _SIZE, _REACH, _FOUND = 4.0, 40.0, 2.0  # mm; of what differs; how exactly landmarks are found
 _STRAIN, _JAW = 0.1, 15.0  # of the face as a whole; mm that a jaw or a lower lip may go
 _STRAINED = 2.0  # standard deviations; right ones stay below 0.9, a mirrored face has 6
+_ROUGH = 1.6  # energy; right ones stay below 0.8, mouth and lips exchanged together have 2.3
 _SWAPPED = 12.0  # log odds for two names exchanged; right ones stay below 2
 _MOST_GROUPS = 7  # all ways of exchanging the sides of more would take seconds
 
@@ -39,6 +40,8 @@ class Judged:
         The same in standard deviations of what is usual there.
     strain : float
         Of the face as a whole, in standard deviations of what is usual.
+    energy : float
+        Of all together under the field, for each coordinate; about 1 where all are as usual.
     expected : ndarray of shape (n, 3)
         Where the others put each, frame of the data.
     swap : tuple (i, j, odds)
@@ -48,6 +51,7 @@ class Judged:
     off: np.ndarray = field(repr=False)
     doubt: np.ndarray = field(repr=False)
     strain: float
+    energy: float
     expected: np.ndarray = field(repr=False)
     swap: tuple = field(repr=False)
 
@@ -55,7 +59,8 @@ class Judged:
     def wrong(self):
         """Whether something is: bool."""
         doubt, (_, _, odds) = self.doubt.max(), self.swap
-        return bool(doubt > LIMIT or self.strain > _STRAINED or odds > _SWAPPED)
+        whole = self.strain > _STRAINED or self.energy > _ROUGH
+        return bool(doubt > LIMIT or whole or odds > _SWAPPED)
 
 
 def _free_jaw(places, names):
@@ -132,7 +137,8 @@ class _Field:
         expected = likeness.inverse().apply(moved - left) / scale
         off = np.linalg.norm(left, axis=1) / scale
         swap = (int(i), int(j), float(-change[i, j] / 2))
-        return Judged(off, doubt, float(strain), expected, swap)
+        energy = float(((moved - source) * pull).sum() / pull.size)
+        return Judged(off, doubt, float(strain), energy, expected, swap)
 
 
 def check_landmarks(source, target, names, label, normals=None, known=None):

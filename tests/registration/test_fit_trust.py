@@ -88,6 +88,7 @@ KINDS = {
     "two": "are exchanged|far from",
     "eye": "exchanged in the names of eye_",
     "brow": "exchanged in the names of brow_",
+    ("lip", "mouth"): "exchanged in the names of lip_..., mouth_...",
     ("eye", "brow"): "exchanged in the names of brow_..., eye_...",
     ("brow", "eye", "nostril", "lip", "mouth"): "exchanged in the names of brow",
     "": "left and right are exchanged in all names",
