@@ -41,7 +41,7 @@ def test_every_ending_finds_its_reader(tmp_path, P):
         np.testing.assert_allclose(read.positions, P, atol=2e-5)
         assert (read.names, read.fps) == (take.names, 100)
         assert str(read.report).startswith(
-            f"{path}: 20 frames of 8 markers at 100 frames/s, 1.2 % hidden"
+            f"{path.name}: 20 frames of 8 markers at 100 frames/s, 1.2 % hidden"
         )
 
 
