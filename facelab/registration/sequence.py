@@ -275,7 +275,7 @@ def _bridge(layout, full, seen, longest):
     """Short gaps: what the others say plus the marker's own way of differing, led across."""
 
     def apart(frame, marker):
-        return layout.left_out(full[frame : frame + 1])[0, marker]
+        return layout.left_out(full[frame : frame + 1])[0, marker].copy()  # not the whole row
 
     gaps = [g for g in runs(~seen) if g[2] - g[1] <= longest and g[1] > 0 and g[2] < len(seen)]
     ends = [(apart(first - 1, m), apart(stop, m)) for m, first, stop in gaps]
