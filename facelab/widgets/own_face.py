@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 from facelab.pipeline import model_from_take
-from facelab.rig import BlendshapeRig
 
 _NOISE = 0.3  # mm per axis, as a capture has it
 _MOVES = 1e-3  # mm: what moves less is still
@@ -24,7 +23,10 @@ def own_face(rig, take=None, n_components=20, n_regions=9):
     about : str
         What is shown, in words.
     """
-    pieces, still = rig.neutral.pieces, [_mesh_of(part) for part in rig.parts.values()]
+    pieces, still = (
+        rig.neutral.pieces,
+        [getattr(part, "neutral", part) for part in rig.parts.values()],
+    )
     name = "A rig" if rig.source is None else Path(rig.source.path).name
     about = f"{name}: {len(rig.names)} shapes on {rig.neutral.n_vertices:,} vertices"
     if pieces.any():
@@ -52,7 +54,3 @@ def own_face(rig, take=None, n_components=20, n_regions=9):
         "takes": {} if mixed else {"take": (small.animate(take), take)},
     }
     return arguments, about
-
-
-def _mesh_of(part):
-    return part.neutral if isinstance(part, BlendshapeRig) else part

@@ -1,6 +1,7 @@
 """The posing lab: a face to pull, and beside it what else a hand can do to a pose."""
 
 import contextlib
+from pathlib import Path
 
 import ipywidgets as widgets
 import numpy as np
@@ -12,7 +13,6 @@ from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.plotting import region_colors
 from facelab.posing.session import PosingSession
-from facelab.rig import BlendshapeRig
 from facelab.segmentation.segment import segment_face
 from facelab.widgets.own_face import own_face
 from facelab.widgets.page import Page, markup, quiet, shows_errors
@@ -148,7 +148,7 @@ class PosingLab(Page):
         FileNotFoundError, ValueError, TypeError
             As `read_rig`, and for a take that does not drive the rig.
         """
-        rig = rig if isinstance(rig, BlendshapeRig) else read_rig(rig)
+        rig = read_rig(rig) if isinstance(rig, (str, Path)) else rig
         arguments, about = own_face(rig, take, n_components, n_regions)
         lab = cls(**arguments, **kwargs)
         lab.about = about
@@ -157,7 +157,7 @@ class PosingLab(Page):
 
     def become(self, rig, take=None):
         """Show and pose another rig in this page, as `open` makes one."""
-        rig = rig if isinstance(rig, BlendshapeRig) else read_rig(rig)
+        rig = read_rig(rig) if isinstance(rig, (str, Path)) else rig
         arguments, about = own_face(rig, take)
         page, (width, height), folder = self.widget, self.size, self.folder
         self.session.history.unobserve(self._follow)
