@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from facelab.checks import as_finite, check_index, check_number
+from facelab.geometry.alignment import rigid_motion
 from facelab.geometry.mesh import TriangleMesh
 from facelab.numeric.filters import one_euro, zero_phase
 
@@ -130,6 +131,23 @@ class MotionSequence(_Sequence):
         if isinstance(frames, (int, np.integer)):
             raise TypeError("give a slice or an array of frames; positions[i] is a single frame.")
         return replace(self, positions=self.positions[frames], valid=self.valid[frames])
+
+    def aligned(self):
+        """The same motion with each frame laid onto the neutral by whole-face Procrustes.
+
+        What all of the face does together, an open jaw included, is taken for the head's motion,
+        as in the paper; registration by parts that hardly move (`head="rigid"`) leaves it in.
+
+        Returns
+        -------
+        MotionSequence
+
+        References
+        ----------
+        Tena et al. 2011, section 4.1: all meshes were aligned to the template by Procrustes.
+        """
+        turn = rigid_motion(self.positions, self.mesh.vertices)
+        return replace(self, positions=turn.to_head(self.positions))
 
     def displacements(self):
         """Motion of the valid frames away from the neutral face, as estimators take it.

@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+from shapes import grid_mesh
 
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
@@ -398,3 +400,18 @@ def test_gaps_that_cannot_be_made_are_refused(wrong):
     markers = MarkerSequence(np.zeros((4, 2, 3)), ("a", "b"), 60)
     with pytest.raises(ValueError, match=list(wrong)[-1]):
         markers.with_gaps(**wrong)
+
+
+def test_aligned_takes_away_what_all_of_the_face_does_together(rng):
+    mesh = grid_mesh(6, 5, spacing=10.0)
+    moved = mesh.vertices + rng.normal(scale=0.1, size=(8, 30, 3))
+    turns = Rotation.random(8, random_state=0).as_matrix()
+    away = np.einsum("fij,fvj->fvi", turns, moved) + rng.normal(scale=50, size=(8, 1, 3))
+    at_home = MotionSequence(moved, 30.0, mesh).aligned().positions
+    np.testing.assert_allclose(
+        MotionSequence(away, 30.0, mesh).aligned().positions, at_home, atol=1e-3
+    )
+    centre = at_home.mean(axis=1) - mesh.vertices.mean(axis=0)
+    np.testing.assert_allclose(centre, 0, atol=1e-4)
+    cross = np.cross(mesh.vertices - mesh.vertices.mean(axis=0), at_home).sum(axis=1)
+    np.testing.assert_allclose(cross, 0, atol=0.05)  # no turn is left that would bring it nearer
