@@ -72,13 +72,20 @@ lint: env
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
+# Two halves of about the same length, beside each other; a new room falls into the second.
+UNIT := $(BIN)/python -m pytest -m "not long"
+FIRST_HALF := $(wildcard tests/test_*.py) $(addprefix tests/,cli data models registration studies)
+SECOND_HALF := $(filter-out $(FIRST_HALF) $(addprefix tests/,benchmarks browser fixtures \
+	__pycache__),$(patsubst %/,%,$(wildcard tests/*/)))
+
 unit: env
-	$(BIN)/python -m pytest tests --ignore tests/browser -m "not long"
+	@$(UNIT) $(FIRST_HALF) & first=$$!; $(UNIT) $(SECOND_HALF); second=$$?; \
+	wait $$first && exit $$second
 
 NBVAL := $(BIN)/python -m pytest --nbval-lax -p no:cacheprovider --nbval-cell-timeout=600
 
-test-notebooks: env data
-	$(NBVAL) $(NOTEBOOKS)
+test-notebooks: env data  # two at a time, the longest first
+	@ls -S $(NOTEBOOKS) | xargs -P 2 -n 1 $(NBVAL)
 
 browser: env
 	$(BIN)/python tests/browser/get_browser.py
