@@ -42,10 +42,10 @@ class GltfEdit:
     def __init__(self, path, mesh):
         scene = GltfScene(path)
         self._data = scene.data
-        self._k = scene.find(mesh)
-        self._part = scene.part(self._k)
-        self._node, self._mesh = scene.place(self._k)
-        self.n_vertices, self.n_targets = len(self._part.vertices), scene.n_targets(self._k)
+        k = scene.find(mesh)
+        self._part = scene.part(k)
+        self._node, self._mesh = scene.place(k)
+        self.n_vertices, self.n_targets = len(self._part.vertices), scene.n_targets(k)
         self._json = copy.deepcopy(self._data.json.value)
         self._text = Path(path).suffix.lower() == ".gltf"
         self._names = list(self._part.names)
