@@ -28,10 +28,13 @@ from facelab.numeric.least_squares import smoothed_sides, solve_bounded, solve_b
 from facelab.numeric.threads import one_thread
 from facelab.rig import BlendshapeRig
 
-FEW = 0.7
+FEW = 2.0
 """Millimetres: a shape of the map costs, at weight 1, what this error over the whole face does."""
 
-NEAR = 0.03
+SHARE = 0.55
+"""But no more than what this share of the shape that it stands for does: small shapes keep one."""
+
+NEAR = 0.015
 """k of the energy: share of plain nearness in it."""
 
 _RIDGE = 1e-5  # of the mean unit: settles what shapes that are mixtures of others leave open
@@ -144,8 +147,8 @@ class Translator:
     @cached_property
     def map(self):
         """The nearest few shapes of the other for each shape alone: (n_shapes, n_other)."""
-        _, AB, BB = self._grams
-        return _few_nearest(BB, AB)
+        AA, AB, BB = self._grams
+        return _few_nearest(BB, AB, AA)
 
     @cached_property
     def _energy(self):
@@ -155,7 +158,7 @@ class Translator:
         if (K, _rank(self.rig)) >= (L, _rank(self.other)):
             M = self.map  # (K, L): ||B (b - M'a)||^2
             return M @ BB @ M.T, M @ BB, BB
-        M = _few_nearest(AA, AB.T)  # (L, K): ||A (a - M'b)||^2, as on the way back
+        M = _few_nearest(AA, AB.T, BB)  # (L, K): ||A (a - M'b)||^2, as on the way back
         return AA, AA @ M.T, M @ AA @ M.T
 
     def map_of(self, name, least=0.02):
@@ -267,7 +270,7 @@ def translate(take, rig, other, lam=0.07, smooth=0.004, near=NEAR):
     smooth : float, default=0.004
         Millimetre seconds: a weight that changes by 1 a second costs what an error of that many
         millimetres does, as in `regress_sequence`, but before the bounds; 0 for each frame alone.
-    near : float, default=0.03
+    near : float, default=0.015
         1 brings the shapes as near as can be; less keeps to the map of single shapes, so that
         the way back gives the same weights again (see the head of `facelab.expression.translate`).
 
@@ -338,9 +341,13 @@ def _compared(space, guest):
     return own.reshape(len(own), -1), theirs.reshape(len(theirs), -1)
 
 
-def _few_nearest(H, G):
-    """The nearest few shapes for each row: chosen at a cost, then as near as these can be."""
+def _few_nearest(H, G, own):
+    """The nearest few shapes for each row: chosen at a cost, then as near as these can be.
+
+    H are the products of the shapes to choose from, `own` those of the shapes to make, G between.
+    """
+    few = np.minimum(FEW, SHARE * np.sqrt(np.diagonal(own)))[:, None]
     H = H + _RIDGE * np.diagonal(H).mean() * np.eye(len(H))
     lo, hi = np.zeros(len(H)), np.ones(len(H))
-    chosen = solve_bounded_rows(H, G - FEW**2 / 2, lo, hi) > _NONE
+    chosen = solve_bounded_rows(H, G - few**2 / 2, lo, hi) > _NONE
     return np.stack([solve_bounded(H, g, lo, hi * c)[0] for g, c in zip(G, chosen, strict=True)])

@@ -8,7 +8,7 @@ from shapes import sphere_mesh
 
 from data_synth.action_units import actor_rig
 from facelab.expression import landmarks
-from facelab.expression.translate import FEW, Translator, translate
+from facelab.expression.translate import FEW, SHARE, Translator, translate
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import WeightSequence
 from facelab.numeric.least_squares import smoothed_sides
@@ -80,7 +80,7 @@ def test_the_answer_minimises_the_energy_as_it_is_written(rig, rng):
         return minimize(cost, np.full(4, 0.3), bounds=[(0, 1)] * 4, tol=1e-12).x
 
     def few_nearest(d):
-        kept = nearest(d, FEW) > 0.03
+        kept = nearest(d, min(FEW, SHARE * np.sqrt((d**2).sum() / n))) > 0.03
         solution = minimize(
             lambda b: ((b @ B - d) ** 2).sum() / n, 0.3 * kept, bounds=[(0, k) for k in kept]
         )

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from shapes import sphere_mesh
 
+from facelab.data import TAKES, DataUnavailable, load_aura, load_aura_take, load_take
 from facelab.data.aura import AURA_UNITS
 from facelab.motion import WeightSequence
 from facelab.rig import BlendshapeRig
@@ -57,3 +58,17 @@ def test_the_table_of_aura_names_units_that_there_are():
 @pytest.mark.real
 def test_the_table_of_aura_names_shapes_of_the_generic_face(real_rig):
     assert {n for found in translation.AURA_BY_NAME.values() for n in found} <= set(real_rig.names)
+
+
+@pytest.mark.real
+def test_takes_come_back_with_their_weights(real_rig):
+    try:
+        aura, own = load_aura(), load_aura_take()
+        takes = {name: load_take(name) for name in TAKES}
+    except DataUnavailable as missing:
+        pytest.skip(str(missing))
+    there, back = translation.both_ways(real_rig, aura)
+    trips = [translation.trip(there, back, take) for take in takes.values()]
+    trips.append(translation.trip(back, there, own))
+    for trip in trips:
+        assert trip.off < 1 / 3 and trip.lost < 0.1, trip
