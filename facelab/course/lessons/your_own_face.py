@@ -1,0 +1,5 @@
+"""The notebook on your own face."""
+
+SETTINGS = {}
+OTHERS = ()
+EXERCISES = ()
