@@ -1,0 +1,58 @@
+"""Heads for the notebook on a face of one's own, each with something in its place."""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from facelab.data import DataUnavailable, load_aura, load_example
+from facelab.rig import BlendshapeRig
+
+
+@dataclass(frozen=True)
+class Head:
+    """A head to begin with: which one it is, what it is in a sentence, and its rig."""
+
+    name: str
+    about: str
+    rig: BlendshapeRig
+
+
+def load_head(name):
+    """A head by name: Head; the example's where Aura cannot be had, which `about` says.
+
+    Parameters
+    ----------
+    name : {"Aura", "example", "F1"}
+
+    Examples
+    --------
+    >>> load_head("F1").rig
+    BlendshapeRig(40 shapes on 8820 vertices)
+    """
+    if name == "F1":
+        from data_synth.action_units import actor_rig
+
+        return Head(name, "SYNTHETIC: actor F1, a face made by code.", actor_rig("F1").linear())
+    if name == "Aura":
+        try:
+            return Head(name, "REAL: Aura, a production head of 72 units.", load_aura())
+        except DataUnavailable as missing:
+            example = load_example()
+            return Head("example", f"{example.about} (Aura: {missing})", example.rig)
+    example = load_example()
+    return Head(name, example.about, example.rig)
+
+
+def rms_by_name(pair, take):
+    """What is left of a take's motion where only equal names carry it: RMS, mm.
+
+    Parameters
+    ----------
+    pair : facelab.expression.Translator
+    take : WeightSequence
+        Of the rig that is translated from.
+    """
+    with warnings.catch_warnings(action="ignore"):  # that few names agree is what is shown
+        theirs, named = (rig.rig_weights(take) for rig in (pair.rig, pair.other))
+    return float(np.sqrt((pair.difference(theirs, named)[take.valid] ** 2).mean()))

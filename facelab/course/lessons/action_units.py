@@ -1,0 +1,5 @@
+"""The notebook on action units."""
+
+SETTINGS = {}
+OTHERS = ()
+EXERCISES = ()

@@ -1,0 +1,5 @@
+"""The notebook on models."""
+
+SETTINGS = {}
+OTHERS = ()
+EXERCISES = ()

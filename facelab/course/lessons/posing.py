@@ -1,0 +1,5 @@
+"""The notebook on posing."""
+
+SETTINGS = {}
+OTHERS = ()
+EXERCISES = ()

@@ -1,0 +1,5 @@
+"""The notebook on registration."""
+
+SETTINGS = {}
+OTHERS = ()
+EXERCISES = ()

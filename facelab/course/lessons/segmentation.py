@@ -1,0 +1,5 @@
+"""The notebook on segmentation."""
+
+SETTINGS = {}
+OTHERS = ()
+EXERCISES = ()

@@ -1,0 +1,5 @@
+"""The notebook on sketch to action units."""
+
+SETTINGS = {}
+OTHERS = ()
+EXERCISES = ()

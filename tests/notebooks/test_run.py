@@ -1,0 +1,34 @@
+"""Every notebook runs from top to bottom, its exercises answer, and other settings do not stop it."""
+
+from importlib import import_module
+
+import pytest
+from reader import NOTEBOOKS, lesson_of, run
+
+from facelab.course.lesson import LESSONS
+
+
+def plan(name):
+    """The settings and exercises of a notebook; None for one that has no lesson."""
+    if lesson_of(name) in LESSONS:
+        return import_module(f"facelab.course.lessons.{lesson_of(name)}")
+    return None
+
+
+OTHERS = [
+    pytest.param(name, other, id=f"{name}-" + ",".join(f"{k}={v}" for k, v in other.items()))
+    for name in NOTEBOOKS
+    if plan(name)
+    for other in plan(name).OTHERS
+]
+
+
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_a_notebook_runs_and_its_exercises_tell_right_from_wrong(name):
+    run(name, exercises=plan(name).EXERCISES if plan(name) else ())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "settings"), OTHERS)
+def test_other_settings_never_stop_a_notebook(name, settings):
+    run(name, settings)
