@@ -167,8 +167,9 @@ class FacePlaces:
 
     def _middles(self, labels, n, area):
         heavy = np.bincount(labels, area, n).clip(1e-12)
-        return np.stack([np.bincount(labels, area * x, n) for x in self.mesh.vertices.T], 1) / (
-            heavy[:, None]
+        return (
+            np.stack([np.bincount(labels, area * x, n) for x in self.mesh.vertices.T], 1)
+            / (heavy[:, None])
         )
 
     # --- motion -----------------------------------------------------------------------------------
