@@ -59,6 +59,28 @@ class History:
         return [self.state, *reversed(self._past), *reversed(self._future)]
 
     @property
+    def line(self):
+        """All states from the first to the last undone step: list; the present is `n_undo`."""
+        return [*self._past, self.state, *reversed(self._future)]
+
+    def go(self, place):
+        """Undo or redo up to a place in `line`; a drag under way is given up.
+
+        Raises
+        ------
+        ValueError
+            For a place that does not exist; nothing changes.
+        """
+        if place not in range(len(self.line)):
+            raise ValueError(f"place={place!r}, but there are the steps 0 to {len(self.line) - 1}.")
+        self.cancel()
+        with self.whole():
+            while self.n_undo > place:
+                self.undo()
+            while self.n_undo < place:
+                self.redo()
+
+    @property
     def can_undo(self):
         """Whether there is a step to go back to."""
         return self.n_undo > 0 or self.live is not None

@@ -78,9 +78,12 @@ class PosedFace:
             check_displacement(target, f"displacement of pin {self.vertex(v)}")
         for v, weight in state.weights.items():
             check_weight(weight, f"weight of pin {v}")
-        unpinned = (state.locked | state.weights.keys()) - state.pins.keys()
+        named = state.locked | state.hidden | state.weights.keys() | state.called.keys()
+        unpinned = named - state.pins.keys()
         if unpinned:
-            raise ValueError(f"state locks or weights {sorted(unpinned)}, which it does not pin.")
+            raise ValueError(
+                f"state locks, hides, names or weights {sorted(unpinned)}, which it does not pin."
+            )
         for name in ("c_0", "molded", "coefficients"):
             as_finite(getattr(state, name), name, (solver.n_coefficients,))
         self._check_size(state)

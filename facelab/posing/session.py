@@ -8,14 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from facelab.checks import as_finite, as_numbers, check_choice, check_index, check_number
-from facelab.geometry.symmetry import MIRROR
+from facelab.checks import as_finite, as_numbers, check_choice
 from facelab.models.region import BETA
 from facelab.numeric.undo import History, edit, has_history
 from facelab.posing.drag import Drag, moving_with, targets
 from facelab.posing.face import PosedFace
 from facelab.posing.fingerprint import fingerprint
-from facelab.posing.ranges import GAMMA, check_beta, check_gamma, check_weight
+from facelab.posing.molding import Molding
+from facelab.posing.pins import PinEdits
+from facelab.posing.ranges import GAMMA, check_beta, check_gamma
 from facelab.posing.solver import check_limit
 from facelab.posing.state import PoseState, find_model, state_from_dict, state_to_dict
 
@@ -23,7 +24,7 @@ _AS_IT_IS = object()
 
 
 @has_history
-class PosingSession:
+class PosingSession(PinEdits, Molding):
     """Everything a person can do to a pose, without any widget.
 
     Parameters
@@ -180,16 +181,6 @@ class PosingSession:
         return {v: self.neutral.vertices[v] + t for v, t in pins.items()}
 
     @property
-    def pin_weights(self):
-        """Weights of the pins: dict of int to float."""
-        return dict(zip(self.state.pins, self.state.weights_of(self.state.pins), strict=True))
-
-    @property
-    def locked(self):
-        """Pins that no drag moves: frozenset of int."""
-        return self.state.locked
-
-    @property
     def regions(self):
         """Regions of the model, None if it has none."""
         return self._solver.regions
@@ -329,82 +320,6 @@ class PosingSession:
         wanted = self._solver.capped(vertex, wanted, moving[vertex][0])
         return self._solved(pins={**self.state.pins, **targets(moving, vertex, wanted)})
 
-    # --- pins -------------------------------------------------------------------------------------
-
-    def hold(self, vertex):
-        """Pin a vertex where it is, so that later pulls leave it there."""
-        self.set_pin(vertex)
-
-    @edit
-    def set_pin(self, vertex, target=None, weight=None, locked=None):
-        """Make a pin, or move, weight, lock or unlock one.
-
-        Parameters
-        ----------
-        vertex : int
-            Vertex of the shown face.
-        target : array_like of shape (3,), optional
-            Millimetres; if left out, that of the pin, or where the vertex is.
-        weight : float, optional
-            Of the pin in Eq. 9, 1e-6 to 1e6; 1 unless set.
-        locked : bool, optional
-            A locked pin is neither dragged, mirrored upon nor removed; resets take it away.
-
-        Raises
-        ------
-        ValueError
-            For a vertex that does not exist, a bad target or weight, or a new target for a pin
-            that is locked and stays so; nothing changes.
-        """
-        vertex, state = self._face.vertex(vertex), self.state
-        if target is not None:
-            target = self._face.place(vertex, target) - self.neutral.vertices[vertex]
-            if locked is not False:
-                self.state.check_unlocked(vertex)
-        weights = dict(state.weights)
-        if weight is not None:
-            weights[vertex] = check_weight(weight)
-        locks = state.locked
-        if locked is not None:
-            on = check_choice(locked, "locked", (True, False))
-            locks = locks | {vertex} if on else locks - {vertex}
-        pin = self._place(vertex) if target is None else target
-        return self._solved(pins={**state.pins, vertex: pin}, weights=weights, locked=locks)
-
-    @edit
-    def remove_pin(self, vertex):
-        """Take a pin away; the others keep holding.
-
-        Raises
-        ------
-        ValueError
-            If the vertex is not pinned, or locked.
-        """
-        vertex = self._face.vertex(vertex)
-        self.state.check_pinned(vertex)
-        self.state.check_unlocked(vertex)
-        return self._solved(**self.state.without({vertex}))
-
-    @edit
-    def mirror_pin(self, vertex):
-        """Put the mirrored pin, its weight too, on the vertex's partner.
-
-        Raises
-        ------
-        ValueError
-            If the vertex is not pinned, or has no partner on the other side, or a locked one.
-        """
-        vertex = self._face.vertex(vertex)
-        self.state.check_pinned(vertex)
-        partner = int(self.partners[vertex])
-        if partner in (-1, vertex):
-            raise ValueError(f"vertex={vertex} has no partner on the other side of the face.")
-        self.state.check_unlocked(partner)
-        state = self.state
-        weights = {**state.weights, partner: state.weights.get(vertex, 1)}
-        pins = {**state.pins, partner: MIRROR @ state.pins[vertex]}
-        return self._solved(pins=pins, weights=weights)
-
     # --- edits ------------------------------------------------------------------------------------
 
     @property
@@ -509,6 +424,27 @@ class PosingSession:
         x = self._face.mirrored(self.vertices - self.neutral.vertices)
         return self._applied(self._solver.encode(x[None])[0])
 
+    @edit
+    def copy_side(self, side):
+        """One half of the pose onto the other, as well as the model can; pins are taken away.
+
+        Parameters
+        ----------
+        side : {"left", "right"}
+            The person's, that is copied; the midline loses what it leans to a side.
+
+        Raises
+        ------
+        ValueError
+            If the mirror map leaves vertices without a partner.
+        """
+        check_choice(side, "side", ("left", "right"))
+        x = self.vertices - self.neutral.vertices
+        seen, at = self._face.mirrored(x), self.neutral.vertices[:, 0]
+        out = (at - at[self.partners]) * (1 if side == "left" else -1)
+        wanted = np.where((out > 0)[:, None], x, np.where((out < 0)[:, None], seen, (x + seen) / 2))
+        return self._applied(self._solver.encode(wanted[None])[0])
+
     @edit(model=(fingerprint, find_model))
     def use(self, model):
         """Pose with another model of the same face, under the same pins.
@@ -525,51 +461,6 @@ class PosingSession:
             return self.state
         c_0 = self._face.carried_over(self.state, model)
         return self._solved(model=model, c_0=c_0, molded=np.zeros_like(c_0))
-
-    # --- molding ----------------------------------------------------------------------------------
-
-    @edit(over=("region", "component"))
-    def mold(self, region, component, value):
-        """Set a component of a region in the state that the pose holds to, c_0.
-
-        Eq. 9 without pins: with a small beta and a large gamma the pose takes the value whole,
-        otherwise the neighbours give and take. Pins keep holding.
-
-        Parameters
-        ----------
-        region : int
-            0 for a holistic model or a rig.
-        component : int
-            Of the region, strongest first; of a rig, the unit.
-        value : float
-            Standard deviations from the neutral (coefficients if the model knows no variances);
-            of a rig, the weight, 0 to 1.
-
-        Raises
-        ------
-        ValueError
-            For a region, component or value out of range; nothing changes.
-        """
-        solver = self._solver
-        s = solver.slice_of(region)
-        k = s.start + check_index(component, "component", s.stop - s.start, "components")
-        value = check_number(value, "value", *solver.mold_bounds)
-        molded = self.state.molded.copy()
-        molded[k] = value * solver.deviations[k] - self.state.c_0[k]
-        return self._solved(molded=molded)
-
-    def mold_values(self, region):
-        """Where the sliders of a region stand, in the unit of `mold`: shape (P_i,)."""
-        s = self._solver.slice_of(region)
-        return (self.state.c_0 + self.state.molded)[s] / self._solver.deviations[s]
-
-    def mold_ranges(self, region):
-        """Sensible ends for those sliders, shape (P_i, 2): 0 to 1, or 3 standard deviations."""
-        return np.tile(self._solver.mold_ends, (len(self.mold_names(region)), 1))
-
-    def mold_names(self, region):
-        """Names of those sliders: list of str."""
-        return self._solver.names(region)
 
     # --- recorded takes ---------------------------------------------------------------------------
 

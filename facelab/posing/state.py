@@ -1,6 +1,6 @@
 """One moment of a posing session, as a value."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
@@ -8,6 +8,8 @@ import numpy as np
 from facelab.checks import as_finite, check_number
 from facelab.posing.fingerprint import differs, fingerprint
 from facelab.posing.stored import check_entries, entry
+
+_STORED = "model", "beta", "gamma", "limit", "pins", "c_0", "molded", "coefficients"
 
 
 def frozen_copy(array):
@@ -43,6 +45,10 @@ class PoseState:
         Pins that no drag moves.
     limit : float or None
         Standard deviations, see `PoseSolver`.
+    hidden : frozenset of int
+        Pins that are not drawn; they hold all the same.
+    called : mapping of int to str
+        Names given to pins.
     """
 
     model: object = field(repr=False)
@@ -55,11 +61,15 @@ class PoseState:
     weights: MappingProxyType = field(default_factory=dict)
     locked: frozenset = frozenset()
     limit: float | None = None
+    hidden: frozenset = frozenset()
+    called: MappingProxyType = field(default_factory=dict)
 
     def __post_init__(self):
         pins = {v: frozen_copy(t) for v, t in self.pins.items()}
         weights = {v: w for v, w in self.weights.items() if w != 1}
-        values = {"pins": MappingProxyType(pins), "weights": MappingProxyType(weights)}
+        called = {v: name for v, name in self.called.items() if name}
+        values = {"pins": pins, "weights": weights, "called": called}
+        values = {name: MappingProxyType(value) for name, value in values.items()}
         for name in ("c_0", "coefficients", "molded"):
             values[name] = frozen_copy(getattr(self, name))
         for name, value in values.items():
@@ -89,6 +99,8 @@ class PoseState:
             "pins": {v: t for v, t in self.pins.items() if v not in gone},
             "weights": {v: w for v, w in self.weights.items() if v not in gone},
             "locked": self.locked.difference(gone),
+            "hidden": self.hidden.difference(gone),
+            "called": {v: name for v, name in self.called.items() if v not in gone},
         }
 
     def bare(self, c_0):
@@ -100,7 +112,8 @@ class PoseState:
         return (
             self.model is other.model
             and (self.beta, self.gamma, self.limit) == (other.beta, other.gamma, other.limit)
-            and (self.locked, dict(self.weights)) == (other.locked, dict(other.weights))
+            and (self.locked, self.hidden) == (other.locked, other.hidden)
+            and (self.weights, self.called) == (other.weights, other.called)
             and self.pins.keys() == other.pins.keys()
             and all(np.array_equal(t, other.pins[v]) for v, t in self.pins.items())
             and np.array_equal(self.c_0, other.c_0)
@@ -122,6 +135,8 @@ def state_to_dict(state):
                 "displacement": np.asarray(t).tolist(),
                 "weight": state.weights.get(v, 1.0),
                 "locked": v in state.locked,
+                **({"hidden": True} if v in state.hidden else {}),
+                **({"name": state.called[v]} if v in state.called else {}),
             }
             for v, t in state.pins.items()
         ],
@@ -139,16 +154,18 @@ def state_from_dict(stored, session, models=()):
     ValueError, TypeError
         For what is missing, of another kind, not finite, or there twice.
     """
-    check_entries(stored, [f.name for f in fields(PoseState)])
-    pins, weights, locked = {}, {}, set()
+    check_entries(stored, _STORED)
+    pins, weights, locked, hidden, called = {}, {}, set(), set(), {}
     for pin in entry(stored, "pins", list):
         v = entry(pin, "vertex", int)
-        check_entries(pin, ("vertex", "displacement", "weight", "locked"))
+        check_entries(pin, ("vertex", "displacement", "weight", "locked", "hidden", "name"))
         if v in pins:
             raise ValueError(f"vertex={v} is pinned twice")
         pins[v] = as_finite(entry(pin, "displacement", list), f"displacement of pin {v}", (3,))
         weights[v] = check_number(entry(pin, "weight", float), f"weight of pin {v}")
         locked |= {v} if entry(pin, "locked", bool) else set()
+        hidden |= {v} if "hidden" in pin and entry(pin, "hidden", bool) else set()
+        called[v] = entry(pin, "name", str) if "name" in pin else ""
     model = find_model(entry(stored, "model", dict), session, models)
     arrays = {
         name: as_finite(entry(stored, name, list), name, (model.n_coefficients,))
@@ -158,6 +175,7 @@ def state_from_dict(stored, session, models=()):
     limit = entry(stored, "limit", float, type(None))
     limit = limit if limit is None else check_number(limit, "limit")
     kept = {"weights": weights, "locked": frozenset(locked), "limit": limit}
+    kept |= {"hidden": frozenset(hidden), "called": called}
     return PoseState(model, pins, beta, gamma, **arrays, **kept)
 
 

@@ -1628,7 +1628,7 @@ def broken_states(state):
         "flat pin": (replace(state, pins={3: np.ones(2)}), "displacement of pin 3 has shape"),
         "lost pin": (replace(state, pins={3: [np.nan, 0, 0]}), "displacement of pin 3 holds"),
         "weightless": (replace(state, **pinned, weights={3: 0}), "weight of pin 3=0"),
-        "lock": (replace(state, locked=frozenset({5})), r"locks or weights \[5\]"),
+        "lock": (replace(state, locked=frozenset({5})), r"names or weights \[5\]"),
         "beta": (replace(state, beta=-1.0), "beta=-1"),
         "gamma": (replace(state, gamma=0.0), "gamma=0"),
         "limit": (replace(state, limit=-2.0), "limit=-2"),
