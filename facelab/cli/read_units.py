@@ -4,12 +4,19 @@ import numpy as np
 
 from facelab import files
 from facelab.cli.inputs import MESHES, add_rig_options, read_rig
-from facelab.expression import prepare_units, regress_expression, regress_sequence
+from facelab.expression import (
+    find_units,
+    prepare_units,
+    regress_expression,
+    regress_sequence,
+)
 from facelab.motion import WeightSequence
 
 HELP = "sketches or motion on a rig's vertices become weights of its units (CSV)"
 EXAMPLE = """\
 A sketch is a mesh with the rig's vertices in their order; a motion comes from `facelab register`.
+Of a sketch the few units are read that its own roughness could not feign; --all takes every unit
+that makes it match better. Of a motion all units are read, frame after frame.
 
 examples:
   facelab read-units smile.obj --rig head.glb -o smile.csv
@@ -29,7 +36,10 @@ def add_options(parser):
     parser.add_argument(
         "--free", action="store_true", help="weights beyond 0 to 1, which are the bounds if not"
     )
-    parser.add_argument("--lam", type=float, default=0.0, help="λ of Eq. 9, mm: weight of --alpha")
+    parser.add_argument("--all", action="store_true", help="of a sketch too, all units")
+    parser.add_argument(
+        "--lam", type=float, default=0.0, help="λ of Eq. 9, mm: weight of --alpha, over all units"
+    )
     parser.add_argument("--alpha", type=float, default=0.0, help="wanted sum of the weights")
     parser.add_argument("--smooth", type=float, default=0.004, help="of motion, millimetre seconds")
 
@@ -51,11 +61,8 @@ def maker(options):
         else:
             scale = _scale(path, rig) if options.sketch_scale is None else options.sketch_scale
             sketch = _on_rig(files.read_mesh(path, scale=scale), rig, path)
-            fit = regress_expression(
-                basis, sketch, options.lam, [options.alpha], bounds,
-                align=True if options.align else "check",
-            )  # fmt: skip
-            take, rms = WeightSequence(fit.weights[[fit.best]], rig.names, 1.0), fit.rms[fit.best]
+            weights, rms = _of_sketch(basis, sketch, bounds, options)
+            take = WeightSequence(weights[None], rig.names, 1.0)
         files.write_weights_csv(job.target, take)
         strongest = np.abs(take.weights).max(axis=0)
         used = {n: w for n, w in zip(rig.names, strongest.tolist(), strict=True) if w > 0.05}
@@ -68,6 +75,16 @@ def maker(options):
         }
 
     return make
+
+
+def _of_sketch(basis, sketch, bounds, options):
+    """Weights of one sketch, and its distance from what they make, RMS, millimetres."""
+    align = True if options.align else "check"
+    if options.all or options.lam:
+        fit = regress_expression(basis, sketch, options.lam, [options.alpha], bounds, align=align)
+        return fit.weights[0], fit.rms[0]
+    found = find_units(basis, sketch, bounds, align=align)
+    return found.weights, found.rms
 
 
 def _scale(path, rig):

@@ -1,6 +1,7 @@
 """A rough sketch becomes action units, and goes to other faces (Yu and Liu 2014)."""
 
 from facelab.expression.landmarks import guess_landmarks
+from facelab.expression.reading import UnitReading, find_units
 from facelab.expression.regression import (
     CRITERIA,
     ExpressionFit,
@@ -25,7 +26,9 @@ __all__ = [
     "Translator",
     "UnitBasis",
     "UnitCarrier",
+    "UnitReading",
     "find_alignment",
+    "find_units",
     "guess_landmarks",
     "held_out_error",
     "least_squares",

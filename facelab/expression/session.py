@@ -7,6 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from facelab.checks import check_choice, check_index, check_number, check_type
+from facelab.expression.reading import find_units
 from facelab.expression.regression import CRITERIA, LAMS, ExpressionFit, regress_expression
 from facelab.expression.transfer import IntermediateSpace
 from facelab.expression.units import as_basis, sketch_positions
@@ -363,6 +364,25 @@ class ExpressionSession:
         if name not in self.state.locked and name not in self.state.excluded:
             raise ValueError(f"name={name!r} is neither locked nor excluded.")
         self._step(locked=self._locked_but(name), excluded=self.state.excluded - {name})
+
+    def keep_found(self):
+        """Exclude all units but those that `find_units` finds in the sketch, one step of undo.
+
+        Returns
+        -------
+        UnitReading
+        """
+        state = self.state
+        found = find_units(
+            self.basis,
+            state.sketch,
+            BOUNDS[state.bounds],
+            locked=state.locked,
+            align=state.align,
+        )
+        there = set(found.units) | set(state.locked) | set(self.dropped)
+        self._step(alpha=None, excluded=frozenset(self.names) - there)
+        return found
 
     def _locked_but(self, name):
         return MappingProxyType({n: w for n, w in self.state.locked.items() if n != name})

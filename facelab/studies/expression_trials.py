@@ -6,6 +6,7 @@ import numpy as np
 from sklearn.linear_model import Ridge, lasso_path
 
 from facelab.checks import as_finite, check_index, check_number
+from facelab.expression.reading import find_units
 from facelab.expression.regression import CRITERIA, regress_expression, two_step
 from facelab.expression.transfer import METHODS, UnitCarrier
 from facelab.expression.units import UnitBasis, among_all, prepare_units, sketch_displacement
@@ -141,7 +142,7 @@ def weights_by_peers(rig, sketches, truth, align="check"):
     -------
     dict of str to ndarray of shape (n_sketches, n_units)
         By name of the method. Least squares (Eq. 5), ridge and lasso have free signs; the last
-        three keep weights in [0, 1].
+        three keep weights in [0, 1]. "few units" is `facelab.expression.find_units`.
     """
     basis, d, truth = _ready(rig, sketches, truth, align)
     c = d @ basis.Q
@@ -161,7 +162,8 @@ def weights_by_peers(rig, sketches, truth, align="check"):
         fits = (regress_expression(basis, v, 0, [0], bounds, align=False) for v in V)
         found[name] = np.array([fit.weights[0] for fit in fits])
     steps = [two_step(basis, v, 0, align=False).weights for v in V]
-    return found | {"two steps, Eq. 6": np.array(steps)}
+    few = [find_units(basis, v, align=False).weights for v in V]
+    return found | {"two steps, Eq. 6": np.array(steps), "few units": np.array(few)}
 
 
 @single_threaded
