@@ -92,14 +92,14 @@ browser: env
 	$(BIN)/python tests/browser/get_browser.py
 
 test-browser: env data browser
-	$(BIN)/python -m pytest tests/browser
+	$(BIN)/python -m pytest -m "not long" tests/browser
 
 # What takes long, part by part.
 test-all: test-long test-bare
 	@echo "facelab: make test-all passed"
 
-test-long: env
-	$(BIN)/python -m pytest tests --ignore tests/browser -m long
+test-long: env data browser
+	$(BIN)/python -m pytest tests -m long
 
 # As on a machine without data and network, with nothing made before.
 BARE := env -u FACELAB_ICT -u FACELAB_CAPTURES -u FACELAB_ANIMFACE -u FACELAB_AURA FACELAB_OFFLINE=1
@@ -110,7 +110,7 @@ test-bare: env browser
 	trap 'rm -rf "$$FACELAB_CACHE"' EXIT && trap 'exit 1' INT TERM && set -x && \
 	$(BARE) $(BIN)/python -m facelab.data && \
 	$(BARE) $(READ) $(BARE_NOTEBOOKS) && \
-	$(BARE) $(BIN)/python -m pytest tests/browser
+	$(BARE) $(BIN)/python -m pytest -m "not long" tests/browser
 
 soak: env
 	cd tests && ../$(BIN)/python soak.py

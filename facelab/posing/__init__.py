@@ -1,6 +1,7 @@
 """Poses by hand: pins, drags, sliders, clips (Tena et al. 2011, sections 3.2 and 6)."""
 
 from facelab.models.region import BETA
+from facelab.posing.bounded import BoundedPull
 from facelab.posing.clips import Clip, interpolate
 from facelab.posing.log import replay
 from facelab.posing.ranges import GAMMA
@@ -12,6 +13,7 @@ from facelab.posing.state import PoseState
 __all__ = [
     "BETA",
     "GAMMA",
+    "BoundedPull",
     "Clip",
     "PoseSolver",
     "PoseState",

@@ -6,6 +6,7 @@ import numpy as np
 
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.symmetry import MIRROR
+from facelab.posing.bounded import BoundedPull
 
 
 def moving_with(vertex, partner, place):
@@ -96,8 +97,7 @@ class Drag:
         problem = solver.problem(list(pins), state.weights_of(pins))
         slope = D = None
         if solver.affine:
-            at = problem.vertices.index
-            slope = sum(problem.slope(at(v)) @ M for v, (_, M) in moving.items())
+            slope = _slope(problem, moving)
             D = np.ascontiguousarray(solver.shown(slope.T).transpose(1, 2, 0))
         start = moving[vertex][0]
         c = state.coefficients
@@ -113,6 +113,29 @@ class Drag:
         wanted = np.array(list({**self.pins, **moved.targets}.values()))
         c = self.problem.solve(wanted, self.state.c_0, self.state.molded)
         return replace(moved, c=c, V=self.neutral.vertices + self.solver.shown(c)[0])
+
+    @property
+    def answer(self):
+        """How the face follows: D, or a `BoundedPull`, or None if the face is too large for one."""
+        solver, state = self.solver, self.state
+        if self.D is not None or solver.basis is None:
+            return self.D
+        problem, centre, radius = self.problem, None, 0.0
+        if solver.limit is not None:
+            start = self.moving[self.vertex][0]
+            centre, radius = solver.ball(self.vertex, start)
+            centre = centre + self.neutral.vertices[self.vertex]
+        pins = np.array(list(self.pins.values()))
+        return BoundedPull(
+            state.coefficients,
+            problem.free(pins, state.c_0, state.molded),
+            _slope(problem, self.moving),
+            problem.inverse,
+            *problem.ends(state.c_0),
+            solver.basis,
+            centre,
+            radius,
+        )
 
     @property
     def targets(self):
@@ -132,3 +155,9 @@ class Drag:
     @property
     def _pull(self):
         return self.target - self.moving[self.vertex][0]
+
+
+def _slope(problem, moving):
+    """How the coefficients follow the pull of all that it moves, shape (P, 3)."""
+    at = problem.vertices.index
+    return sum(problem.slope(at(v)) @ M for v, (_, M) in moving.items())

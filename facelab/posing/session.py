@@ -131,16 +131,15 @@ class PosingSession(PinEdits, Molding):
 
     @property
     def limit(self):
-        """Standard deviations that coefficients are held to, or None.
+        """Standard deviations that coefficients are held to, or None, as for a rig.
 
-        None for a rig, whose weights stay within 0 and 1; a limit set before `use` went to the rig
-        acts again with the next model that knows standard deviations.
+        One set before `use` went to the rig acts again with the next model that knows any.
         """
         return self._solver.limit
 
     @property
     def affine(self):
-        """Whether the pose is affine in the target of a drag; if not, each move solves."""
+        """Whether the pose is affine in a pull; if not, each move solves."""
         return self._solver.affine
 
     @property
@@ -156,13 +155,12 @@ class PosingSession(PinEdits, Molding):
     @property
     def coefficients(self):
         """The pose on screen as coefficients counted from the neutral (weights of a rig): (P,)."""
-        drag = self.history.live
-        return self.state.coefficients.copy() if drag is None else drag.coefficients
+        return (self.history.live or self.state).coefficients.copy()
 
     @property
     def vertices(self):
         """The pose on screen, shape (n_vertices, 3), millimetres."""
-        if self.history.live is not None:
+        if self.dragging:
             return self.history.live.vertices
         if self._shown[0] is not self.state:
             self._shown = self.state, self.vertices_of(self.state.coefficients)
@@ -175,9 +173,8 @@ class PosingSession(PinEdits, Molding):
     @property
     def pins(self):
         """Pinned vertices of the shown face and their targets: dict of int to ndarray (3,)."""
-        pins = dict(self.state.pins)
-        if self.history.live is not None:
-            pins |= self.history.live.targets
+        live = self.history.live
+        pins = self.state.pins if live is None else self.state.pins | live.targets
         return {v: self.neutral.vertices[v] + t for v, t in pins.items()}
 
     @property
@@ -240,15 +237,19 @@ class PosingSession(PinEdits, Molding):
 
         Returns
         -------
-        D : ndarray of shape (n_vertices, 3, 3) or None
-            D[v, :, a] is how vertex v moves, in millimetres, when the target moves by one
-            millimetre along axis a. None if the pose is not affine in the target.
+        D : ndarray of shape (n_vertices, 3, 3)
+            D[v, :, a] is how vertex v moves for a millimetre of pull along axis a. A `BoundedPull`
+            where the pose is not affine in the pull, None if the face is too large for one.
 
         Raises
         ------
         ValueError
-            For a vertex that does not exist or a locked pin; nothing changes.
+            For no vertex of the face or a locked pin; nothing changes.
         """
+        self._hold(vertex)
+        return self.history.live.answer
+
+    def _hold(self, vertex):
         vertex = self._face.vertex(vertex)
         self.state.check_unlocked(vertex)
         with self.history.whole():
@@ -256,7 +257,6 @@ class PosingSession(PinEdits, Molding):
             self.history.live = Drag.begin(
                 self._solver, self.state, self.neutral, vertex, self._moving(vertex), self.vertices
             )
-        return self.history.live.D
 
     def _moving(self, vertex):
         """What a pull of this vertex moves, see `targets`."""
@@ -292,7 +292,7 @@ class PosingSession(PinEdits, Molding):
         target = self._face.place(vertex, target)
         with self.history.whole():
             if not self.dragging or self.history.live.vertex != vertex:
-                self.press(vertex)
+                self._hold(vertex)
             self.history.live = self.history.live.to(target)
         self.history.tell("move")
 

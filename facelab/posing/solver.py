@@ -19,6 +19,7 @@ from facelab.models.region import BETA
 from facelab.motion import MotionSequence, WeightSequence
 from facelab.numeric.least_squares import solve_bounded
 from facelab.numeric.threads import one_thread
+from facelab.posing.bounded import FaceBasis
 from facelab.posing.ranges import (
     CONDITION,
     GAMMA,
@@ -38,6 +39,7 @@ STIFFNESS = 25.0
 
 
 _ROWS_KEPT = 1000  # of a few kilobytes each
+_LARGEST_BASIS = 40e6  # bytes
 
 
 class PoseSolver:
@@ -235,6 +237,15 @@ class PoseSolver:
         flat = self.binding.carry(x.transpose(1, 0, 2).reshape(n_control, -1))
         return flat.reshape(-1, n, 3).transpose(1, 0, 2)
 
+    @cached_property
+    def basis(self):
+        """`FaceBasis` of the shown face; None where it is too large to hand around."""
+        P, n = self.n_coefficients, self.n_vertices
+        if 12 * P * n > _LARGEST_BASIS:
+            return None
+        rows = self.displacements(np.eye(P)).astype(np.float32)
+        return FaceBasis(rows, None if self.binding is None else self.binding.weights)
+
     def encode(self, X):
         """Coefficients nearest to displacements of the shown face or of the model's vertices.
 
@@ -339,12 +350,16 @@ class PoseSolver:
         seen = self.seen(vertex)
         return seen @ self.centre, 2 * self.limit * np.linalg.norm(seen * self.deviations)
 
+    def ball(self, vertex, start):
+        """`reach`, or as far as a vertex is already: a centre (3,) and a radius, mm."""
+        centre, radius = self.reach(vertex)
+        return centre, max(radius, np.linalg.norm(start - centre))
+
     def capped(self, vertex, target, start):
         """A displacement target brought back to what can be reached, if there is a limit: (3,)."""
         if self.limit is None:
             return target
-        centre, radius = self.reach(vertex)
-        radius = max(radius, np.linalg.norm(start - centre))
+        centre, radius = self.ball(vertex, start)
         off = np.linalg.norm(target - centre)
         return target if off <= radius else centre + (target - centre) * (radius / off)
 
@@ -411,6 +426,26 @@ class _Problem:
         off = np.ravel(targets) - self._seen @ c_0
         return self.solver.last_term @ molded + self._pull @ off
 
+    def free(self, targets, c_0, molded):
+        """As `solve`, but without what holds coefficients back: affine in the targets."""
+        with one_thread():
+            y = cho_solve(self._factor, self._right(targets, c_0, molded), check_finite=False)
+        return c_0 + y
+
+    def slope(self, k):
+        """How those follow the target of pin k: dc / dt, shape (P, 3).
+
+        While one pin moves the matrix of Eq. 10 stands still.
+        """
+        with one_thread():
+            return cho_solve(self._factor, self._pull[:, 3 * k : 3 * k + 3], check_finite=False)
+
+    @cached_property
+    def inverse(self):
+        """Inverse of the matrix of Eq. 10, shape (P, P)."""
+        with one_thread():
+            return cho_solve(self._factor, np.eye(len(self._A)), check_finite=False)
+
     def solve(self, targets, c_0, molded):
         """Coefficients, shape (P,).
 
@@ -429,19 +464,7 @@ class _Problem:
 class _Affine(_Problem):
     """Solved by one factor, found when the pins are set."""
 
-    def solve(self, targets, c_0, molded):
-        """As `_Problem.solve`."""
-        with one_thread():
-            y = cho_solve(self._factor, self._right(targets, c_0, molded), check_finite=False)
-        return c_0 + y
-
-    def slope(self, k):
-        """How the coefficients follow the target of pin k: dc / dt, shape (P, 3).
-
-        While one pin moves the matrix of Eq. 10 stands still, so the pose is affine in its target.
-        """
-        with one_thread():
-            return cho_solve(self._factor, self._pull[:, 3 * k : 3 * k + 3], check_finite=False)
+    solve = _Problem.free
 
 
 class _Limited(_Problem):
@@ -454,30 +477,35 @@ class _Limited(_Problem):
 
     def _settle(self):
         self._last = None
-        self._inverse = cho_solve(self._factor, np.eye(len(self._A)), check_finite=False)
+
+    def ends(self, c_0):
+        """Ends of the coefficients, and how far each gives beyond them: three of shape (P,)."""
+        solver, sd = self.solver, self.solver.deviations
+        lo, hi = (sign * solver.limit * sd + solver.centre for sign in (-1, 1))
+        # a kept pose stays where it is
+        return np.minimum(lo, c_0), np.maximum(hi, c_0), sd**2 / STIFFNESS
 
     def solve(self, targets, c_0, molded):
         """As `_Problem.solve`."""
-        solver, sd = self.solver, self.solver.deviations
-        lo, hi = (sign * solver.limit * sd + solver.centre - c_0 for sign in (-1, 1))
-        lo, hi = np.minimum(lo, 0), np.maximum(hi, 0)  # a kept pose stays where it is
-        b, stiff = self._right(targets, c_0, molded), STIFFNESS / sd**2
+        lo, hi, give = self.ends(c_0)
+        lo, hi = lo - c_0, hi - c_0
+        b, stiff = self._right(targets, c_0, molded), 1 / give
 
         def energy(y):
             beyond = y - y.clip(lo, hi)
             return y @ (self._A @ y) / 2 - b @ y + stiff @ beyond**2 / 2
 
         with one_thread():
-            free = self._inverse @ b
+            free = self.inverse @ b
             y = free if self._last is None else self._last
             for _ in range(200):
                 low, high = y < lo, y > hi
                 # (A + diag(stiff)_at)^-1 from A^-1 (Woodbury): a system of those beyond alone
                 at = np.flatnonzero(low | high)
-                small = self._inverse[np.ix_(at, at)]
+                small = self.inverse[np.ix_(at, at)]
                 small[np.diag_indices_from(small)] += 1 / stiff[at]
                 over = free[at] - np.where(low, lo, hi)[at]
-                new = free - self._inverse[:, at] @ np.linalg.solve(small, over)
+                new = free - self.inverse[:, at] @ np.linalg.solve(small, over)
                 if ((new < lo) == low).all() and ((new > hi) == high).all():
                     self._last = new
                     return c_0 + new
@@ -493,12 +521,15 @@ class _Bounded(_Problem):
 
     def _settle(self):
         self._at = None
-        self._ends = [np.full(len(self._A), end) for end in self.solver.bounds]
+
+    def ends(self, c_0):
+        """As `_Limited.ends`."""
+        return *(np.full(len(c_0), end) for end in self.solver.bounds), np.zeros(len(c_0))
 
     def solve(self, targets, c_0, molded):
         """As `_Problem.solve`."""
         g = self._right(targets, c_0, molded) + self._A @ c_0
-        w, self._at = solve_bounded(self._A, g, *self._ends, self._at)
+        w, self._at = solve_bounded(self._A, g, *self.ends(c_0)[:2], self._at)
         return w
 
 

@@ -18,7 +18,7 @@ from facelab.posing.session import PosingSession
 from facelab.widgets.expression_parts import AlphaCurve, UnitBars
 from facelab.widgets.page import Page, path_in, quiet, shows_errors, uploaded, written
 from facelab.widgets.thumbnail import Thumbnails
-from facelab.widgets.viewer import JITTER, FaceView
+from facelab.widgets.viewer import FaceView
 
 _COLORS = "YlGnBu"
 _PICTURE = (60, 66)  # pixels
@@ -91,7 +91,6 @@ class ExpressionLab(Page):
         self._props, self._size = list(props), (width, height)
         self.sketch_view = FaceView(mesh, props, width, height)
         self.view = FaceView(mesh, props, width, height, linked_to=self.sketch_view)
-        self.sketch_view.on_hover = self._hover
         self.sketch_view.on_press = self._press
         self.sketch_view.on_move = self._move
         self.sketch_view.on_release = self._release
@@ -225,7 +224,7 @@ class ExpressionLab(Page):
         self.clear()
         with quiet(self):
             self.sketch_view.show(self.session.sketch)
-            self.sketch_view.show_pins(*self._pins())
+            self.sketch_view.show_pins(self._pins())
             name, frame = self._place_of(state.origin)
             if self.source.options != tuple(self._sources()):
                 self.source.options = self._sources()
@@ -334,12 +333,7 @@ class ExpressionLab(Page):
 
     def _pins(self):
         posing = self._posing()
-        pins = {} if posing is None else posing.pins
-        return self.session.sketch[list(pins)], np.array(list(pins.values())).reshape(-1, 3)
-
-    @shows_errors
-    def _hover(self, vertex):
-        self.sketch_view.show_hover(None if vertex is None else self.session.sketch[vertex])
+        return {} if posing is None else posing.pins
 
     @shows_errors
     def _press(self, vertex):
@@ -347,27 +341,19 @@ class ExpressionLab(Page):
         posing = self._posing()
         self._puller = posing or Sculpt(session.rig.neutral, session.sketch)
         self._pulled = session.state.origin if posing else "pulled by hand"
-        self._pulling = self._clicking = True
-        D = self._puller.press(vertex)
+        self._pulling = True
+        self._answer = self._puller.press(vertex)
         self._held, self._from = vertex, self._puller.pins[vertex]
         self.clear()
         session.settle()
-        self.sketch_view.show_hover(None)
-        self._morphs = D is not None  # else the pose is not affine in the pull
-        if self._morphs:
-            self.sketch_view.show_pins(np.empty((0, 3)), np.empty((0, 3)))
-            self.sketch_view.begin_morph(D, vertex, self._from)
+        if self._answer is not None:  # the page draws the sketch
+            self.sketch_view.begin_pull(self._answer, vertex, self._from)
 
     @_own
     def _move(self, offset):
-        if self._clicking and np.linalg.norm(offset) < JITTER:
-            return
-        self._clicking = False
         self._puller.drag(self._held, self._from + offset)
         self.session.load(self._puller.vertices, self._pulled, live=True)
-        if self._morphs:
-            self.sketch_view.morph(offset)
-        else:
+        if self._answer is None:
             self.sketch_view.show(self.session.sketch)
         self._show_answer()
 

@@ -72,8 +72,7 @@ class LandmarkPicker(Page):
         model = load_template(4375)
         self._typical = {n: model.vertices[v] for n, v in model.landmarks.items()}
         self.view = FaceView(mesh, props, width, height)
-        self.view.on_press, self.view.on_hover = self._press, self._hover
-        self.view.on_move = self.view.on_release = lambda *_: None
+        self.view.on_press = self._press
         self.list = ItemList("choice", self._react)
         self.map = widgets.HTML()
         self.undo = widgets.Button(description="Undo", layout={"width": "72px"})
@@ -126,10 +125,6 @@ class LandmarkPicker(Page):
         self.set(self.wanted, vertex)
 
     @shows_errors
-    def _hover(self, vertex):
-        self.view.show_hover(None if vertex is None else self._face.vertices[vertex])
-
-    @shows_errors
     def _react(self, do, name):
         if do == "remove":
             self.history.make({n: v for n, v in self.history.state.items() if n != name})
@@ -156,8 +151,7 @@ class LandmarkPicker(Page):
     def refresh(self):
         """Show the landmarks as they are now."""
         marks, V = self.landmarks, self._face.vertices
-        here = V[list(marks.values())].reshape(-1, 3)
-        self.view.show_pins(here, here)
+        self.view.show_pins({vertex: V[vertex] for vertex in marks.values()}, takes=False)
         remove = [["remove", "✕", "Take it away", False]]
         self.list.items = [
             {

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import ipywidgets as widgets
 import numpy as np
+from scipy.spatial import cKDTree
 
 from facelab.data.examples import load_example
 from facelab.files.rigs import read_rig
@@ -21,13 +22,13 @@ from facelab.widgets.posing_clips import ClipPanel
 from facelab.widgets.posing_files import FilePanel, StripPanel
 from facelab.widgets.posing_panels import PosePanel, ShapePanel, shade
 from facelab.widgets.thumbnail import Thumbnails
-from facelab.widgets.viewer import JITTER, FaceView
+from facelab.widgets.viewer import FaceView
 
 _LOCKED, _FREE = (0.80, 0.25, 0.15), (1.0, 0.85, 0.0)
 _NEARBY = 6.0  # mm: a vertex is named by a landmark as near as this
 _SIDE_BY_SIDE = 0.62  # of the size of a single view
 _GAP_SHOWN, _DISTANCE_SHOWN = 1.0, 4.0  # mm, and typical distances: where the colours end
-_HINT = "Drag: pose. Beside the face: turn. Wheel: zoom. Shift: along the normal."
+_HINT = "Drag: pose. Beside the face: turn. Shift: along the normal. Alt: past a pin."
 _NOTHING = "nothing"
 _PAINTS = {
     "skin": "skin",
@@ -172,7 +173,17 @@ class PosingLab(Page):
         view = FaceView(self.session.neutral, self.props, width, height, **kwargs)
         view.on_hover, view.on_press = self._hover, self._press
         view.on_move, view.on_release = self._move, self._release
+        view.names = self._names()
         return view
+
+    def _names(self):
+        """Names of all vertices: of a landmark or one close by; empty for a mere number."""
+        face = self.session.neutral
+        marks = face.vertices[list(face.landmarks.values())].reshape(-1, 3)
+        if not len(marks):
+            return []
+        near = cKDTree(marks).query(face.vertices, distance_upper_bound=_NEARBY)[0] <= _NEARBY
+        return [self.name_of(v) if near[v] else "" for v in range(face.n_vertices)]
 
     def _build(self):
         self.model_choice = widgets.ToggleButtons(
@@ -347,14 +358,12 @@ class PosingLab(Page):
             answers.append((self.other_view, other))
         return answers
 
-    def _show_pins(self, but=()):
-        pins = {v: t for v, t in self.session.pins.items() if v not in but and self.frame is None}
+    def _show_pins(self):
+        pins = self.session.pins if self.frame is None else {}
         locked = self.session.locked
-        colors = np.array([_LOCKED if v in locked else _FREE for v in pins]).reshape(-1, 3)
-        for view, session in self._answers:
-            normals = view.normals[list(pins)]
-            targets = np.array(list(pins.values())).reshape(-1, 3)
-            view.show_pins(session.vertices[list(pins)], targets, normals, colors)
+        colors = [_LOCKED if v in locked else _FREE for v in pins]
+        for view, _ in self._answers:
+            view.show_pins(pins, colors)
 
     def _color(self):
         for view, session in self._answers:
@@ -414,47 +423,37 @@ class PosingLab(Page):
     @shows_errors
     def _hover(self, vertex):
         self._hovered = vertex
-        for view in self.views:
-            view.show_hover(None if vertex is None else view.vertices[vertex])
-        self._tell(None if vertex is None else self.name_of(vertex))
 
     @shows_errors
     def _press(self, vertex):
-        session = self.session
         if self.frame is not None:
             self.clip.take_up()
         self._clicking, self._held = True, vertex
         self.clear()
         self._answers = self._compute_answers()
         self._hands = []
-        hidden = {vertex, session.partners[vertex]} if session.symmetric else {vertex}
         for view, posed in self._answers:
-            D = posed.press(vertex)
-            start = posed.pins[vertex]
-            self._hands.append((view, posed, D, start))
-            view.show_hover(None)
-        self._from = self._hands[0][3]
-        self._show_pins(but=hidden if session.affine else ())
-        for view, posed, D, start in self._hands:
-            if D is not None:
-                view.begin_morph(D, vertex, start + view.vertices[vertex] - posed.vertices[vertex])
+            answer, start = posed.press(vertex), posed.pins[vertex]
+            self._hands.append((view, posed, answer))
+            self._from = start if posed is self.session else self._from
+            if answer is not None:
+                drawn = start + view.vertices[vertex] - posed.vertices[vertex]
+                view.begin_pull(answer, vertex, drawn, self._from - start)
 
     @shows_errors
     def _move(self, offset):
-        if self._held is None or (self._clicking and np.linalg.norm(offset) < JITTER):
+        if self._held is None:
             return
         self._clicking = False
         target = self._from + offset
         self.session.drag(self._held, target)
-        for view, posed, D, start in self._hands:
-            if D is not None:
-                view.morph(target - start)
+        for view, posed, answer in self._hands:
+            if answer is not None:  # the page draws it
                 continue
             if posed is not self.session:
                 posed.drag(self._held, target)
             view.show(self.vertices if posed is self.session else posed.vertices)
-        if any(D is None for _, _, D, _ in self._hands):
-            self._show_pins()
+        self._show_pins()
 
     @shows_errors
     def _release(self):

@@ -1,39 +1,35 @@
 """A face in the page: the one module that speaks pythreejs, so that a successor can replace it.
 
+`Hand` sits on its canvas and does in the page what the mouse asks for.
+
 Scene units are millimetres, axes those of the head frame. The middle of the face is the scene's
 origin: that is where the camera's controls look until a message tells them otherwise, and in Voila
 one that is sent before the page is there never arrives.
 """
 
+from types import SimpleNamespace
+
+import ipywidgets as widgets
 import numpy as np
 import pythreejs as three
-from matplotlib.colors import to_rgb
-from scipy.spatial.transform import Rotation
+import scipy.sparse as sp
+from matplotlib.colors import to_hex, to_rgb
 
 from facelab.geometry.mesh import normals_operator, vertex_normals_by
 from facelab.plotting import SKIN
+from facelab.widgets.hand import Hand, packed_riders
 from facelab.widgets.lining import Lining
 
-_HOVER, _PIN, _TARGET = "#ffffff", (0.05, 0.05, 0.05), (1.0, 0.85, 0.0)
+_TARGET = (1.0, 0.85, 0.0)
 _FOV = 18.0  # degrees: a long lens, so that a face looks as from across a table
-_RESERVED_PINS = 8
 _MARKER, _MARKER_SIZE = "#12406b", 3.0  # mm, as wide as those that actors wear
-_DISC_CORNERS = 14
-_RIM = 3.0  # mm: a mouse this near to a lid or lip, but in the opening, is on its rim
-JITTER = 0.6
-"""A hand that only clicks moves this far, mm: less is no drag."""
-_NOWHERE = (0.0, 0.0, -1e6)
-
-
-for _trait in three.Picker.class_traits(sync=True).values():
-    # the kernel need not repeat to the page where its mouse is: a kilobyte less per move
-    _trait.tag(echo_update=False)
 
 
 class FaceView:
-    """A shaded face that can be hovered over, taken hold of and morphed.
+    """A shaded face that can be hovered over and pulled.
 
-    The scene is built once; afterwards only buffers of the same shape are replaced.
+    The scene is built once; afterwards only buffers of the same shape are replaced. While the
+    mouse pulls, the page draws the face by itself, from the answer to the press (`begin_pull`).
 
     Parameters
     ----------
@@ -42,82 +38,78 @@ class FaceView:
     props : iterable of (TriangleMesh, colors)
         Still parts such as eyes and teeth; colors of shape (n_vertices, 3), 0 to 1.
     width, height : int
-        Size of the canvas, pixels.
+        Size of the canvas, pixels. It grows with the room that the page has, in proportion.
     linked_to : FaceView, optional
         A view whose camera this one shares: turning one turns both, at once. The two show faces
         of about the same size, each in the middle, on canvases of the same proportions.
 
     Attributes
     ----------
-    widget : pythreejs.Renderer
+    widget : ipywidgets.Widget
         To be displayed.
     on_hover, on_press, on_move, on_release : callable or None
-        Called with (vertex or None), (vertex), (offset of shape (3,), millimetres), ().
-    along_normal : bool
-        Whether a drag moves along the normal of the vertex instead of in the plane of the view;
-        the shift key held at the press does the same.
+        Called with (vertex or None), (vertex), (offset of shape (3,), millimetres), (). Moves are
+        told about eight times a second, and the last one always; a hand that only clicks moves
+        nothing. Set them before the view is shown.
 
     Raises
     ------
     ValueError
         If the canvas has other proportions than the one it is linked to.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> from facelab.widgets import FaceView
+    >>> view = FaceView(facelab.load_template(4375))
+    >>> view.names = ["forehead"] * 4375
+    >>> view.show_pins({17: view.vertices[17] + [0, 2, 0]})
     """
 
     def __init__(self, mesh, props=(), width=620, height=640, linked_to=None):
         self.mesh = mesh
-        self.on_hover = self.on_press = self.on_move = self.on_release = None
-        self.along_normal = False
+        self.on_move = self.on_release = None
         self._V, self._N = mesh.vertices, None
         self._middle = (self._V.min(axis=0) + self._V.max(axis=0)) / 2
         self._lining = Lining(mesh)
         self._operator = normals_operator(mesh.faces, mesh.n_vertices)
-        self._dragging = False
+        self._proportions = width / height
         self._build_face()
-        self._build_marks()
         self._reserve_points(0)
         still = [_still(part, colors) for part, colors in props]
-        self._plane = three.Mesh(
-            three.PlaneBufferGeometry(4000, 4000), three.MeshBasicMaterial(visible=False)
-        )
         if linked_to is None:
             self._build_camera(width / height)
+            self._grip = SimpleNamespace(press=None, hand=None)  # what holds any linked view
         else:
-            self._share_camera(linked_to, width / height)
+            self._share_camera(linked_to)
         head = three.Group(  # all that is told in the head frame
-            children=[self._face, self._marks, self._cloud, self._hover, self._plane, *still],
+            children=[self._face, self._cloud, *still],
             position=(-self._middle).tolist(),
         )
         self._scene = three.Scene(children=[head, *self._lights()], background="#f4f4f2")
-        self._build_pickers()
-        self.widget = three.Renderer(
+        renderer = three.Renderer(
             camera=self._camera,
             scene=self._scene,
-            controls=[self._orbit, self._down, self._moved, self._up, self._left],
+            controls=[self._orbit],
             antialias=True,
             width=width,
             height=height,
         )
-        self._camera.observe(lambda _: self._draw_pins(), names=["position"])
+        self._hand = self._new_hand(renderer, still, width, height)
+        self.on_hover = self.on_press = None
+        self.widget = widgets.Box([renderer, self._hand])
+        self.widget.add_class("facelab-face")
 
     # --- scene ------------------------------------------------------------------------------------
 
     def _build_face(self):
-        """The face, and in the same buffers its lining and the pin of the drag under way.
-
-        So that pin, line, face and mouth follow the mouse by one message with three numbers.
-        """
+        """The face, and in the same buffers its lining."""
         self._n = self.mesh.n_vertices
-        offsets, ends, triangles = _pin_shape()
-        self._pin_offsets, self._pin_ends = offsets, ends
-        V = self._with_pin(self._V, self._lining.vertices(self._V), self._V[[0]])
-        N = self._with_pin(self._normals(self._V), self._lining.normals, np.zeros((1, 3)))
         attribute = three.BufferAttribute
-        self._position, self._normal = attribute(V), attribute(N)
+        self._position = attribute(self._lined(self._V))
+        self._normal = attribute(self._with_lining(self._normals(self._V), self._lining.normals))
         self._color = attribute(self._skin())
-        self._morphs = [attribute(V) for _ in range(3)]
-        self._morph_normals = [attribute(N) for _ in range(3)]
-        behind = self._n + len(self._lining.normals)
-        faces = np.vstack([self.mesh.faces, self._lining.faces + self._n, triangles + behind])
+        faces = np.vstack([self.mesh.faces, self._lining.faces + self._n])
         geometry = three.BufferGeometry(
             attributes={
                 "position": self._position,
@@ -125,50 +117,14 @@ class FaceView:
                 "color": self._color,
                 "index": attribute(faces.ravel().astype(np.uint32), normalized=False),
             },
-            morphAttributes={"position": self._morphs, "normal": self._morph_normals},
         )
         material = three.MeshStandardMaterial(
             roughness=0.55,
             metalness=0.0,
             side="DoubleSide",
             vertexColors="VertexColors",
-            morphTargets=True,
-            morphNormals=True,
         )
-        self._face = three.Mesh(geometry, material, morphTargetInfluences=[0.0, 0.0, 0.0])
-
-    def _build_marks(self):
-        self._hover = three.Mesh(
-            three.SphereBufferGeometry(1.3, 16, 12),
-            three.MeshBasicMaterial(color=_HOVER, transparent=True, opacity=0.85),
-            visible=False,
-        )
-        self._marks = three.Group()
-        self._pins = np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3)), None
-        self._reserve_pins(_RESERVED_PINS)
-
-    def _reserve_pins(self, n_pins):
-        self._room = n_pins
-        self._ends = three.BufferAttribute(np.zeros((2 * n_pins, 3), np.float32))
-        self._end_colors = three.BufferAttribute(np.zeros((2 * n_pins, 3), np.float32))
-        ends = three.BufferGeometry(attributes={"position": self._ends, "color": self._end_colors})
-        points = three.Points(
-            ends,
-            three.PointsMaterial(
-                size=11,
-                sizeAttenuation=False,
-                vertexColors="VertexColors",
-                depthTest=False,
-                map=_disc(),
-                alphaTest=0.5,
-            ),
-            frustumCulled=False,
-        )
-        lines = three.LineSegments(
-            ends, three.LineBasicMaterial(color="#1a1a1a", depthTest=False), frustumCulled=False
-        )
-        self._marks.children = [lines, points]
-        self._marks.visible = False
+        self._face = three.Mesh(geometry, material)
 
     def _reserve_points(self, n_points):
         self._points = three.BufferAttribute(np.zeros((max(n_points, 1), 3), np.float32))
@@ -195,12 +151,13 @@ class FaceView:
         )
         self._orbit = three.OrbitControls(controlling=self._camera, enablePan=False)
 
-    def _share_camera(self, other, aspect):
-        if abs(aspect / other._camera.aspect - 1) > 0.02:
+    def _share_camera(self, other):
+        if abs(self._proportions / other._proportions - 1) > 0.02:
             raise ValueError(
-                f"width / height is {aspect:.2f}, but the view it is linked to has "
-                f"{other._camera.aspect:.2f}; give both canvases the same proportions."
+                f"width / height is {self._proportions:.2f}, but the view it is linked to has "
+                f"{other._proportions:.2f}; give both canvases the same proportions."
             )
+        self._grip = other._grip
         # the orbit too: it listens on both canvases and draws both while the mouse moves
         self._camera, self._orbit = other._camera, other._orbit
 
@@ -211,130 +168,163 @@ class FaceView:
 
     # --- what the mouse does ----------------------------------------------------------------------
 
-    def _build_pickers(self):
-        self._down = three.Picker(controlling=self._face, event="mousedown")
-        self._moved = three.Picker(controlling=self._face, event="mousemove")
-        # the ends of a drag need no picking, only to be noticed
-        self._up = three.Picker(controlling=self._plane, event="mouseup")
-        self._left = three.Picker(controlling=self._plane, event="mouseleave")
-        self._moved.observe(lambda _: self._mouse_moved(), names=["point"])
-        for picker, react in (
-            (self._down, self._pressed),
-            (self._up, self._released),
-            (self._left, self._gone),
-        ):
-            picker.observe(lambda change, r=react: self._notice(change, r), names=["point"])
+    def _new_hand(self, renderer, still, width, height):
+        here = {
+            "renderer": renderer,
+            "camera": self._camera,
+            "orbit": self._orbit,
+            "face": self._face,
+            "position": self._position,
+            "normal": self._normal,
+        }
+        ids = {name: widget.model_id for name, widget in here.items()}
+        return Hand(
+            self._hear,
+            ids={**ids, "parts": [part.model_id for part in still]},
+            middle=self._middle.tolist(),
+            n_vertices=self._n,
+            n_faces=len(self.mesh.faces),
+            rim=self._lining.rim.tolist(),
+            riders=packed_riders(*self._riders()),
+            size=[width, height],
+        )
 
-    def _notice(self, change, react):
-        """React to a click, and make a second one at the same place a change again."""
-        if tuple(change["new"]) != _NOWHERE:
-            react()
-            change["owner"].point = _NOWHERE
+    def _riders(self):
+        """How the lining rides on the face: E and e of E @ V + e, (n_lining, n_vertices) sparse."""
+        V, rim = np.zeros_like(self._V), self._lining.rim
+        still = self._lining.vertices(V)
+        columns = np.zeros((len(still), len(rim)))
+        for k, vertex in enumerate(rim):
+            V[vertex, 0] = 1
+            columns[:, k] = (self._lining.vertices(V) - still)[:, 0]
+            V[vertex, 0] = 0
+        rows, at = np.nonzero(columns)
+        shape = len(still), self._n
+        return sp.csr_array((columns[rows, at], (rows, rim[at])), shape=shape), still
 
-    def _point(self, picker):
-        """Where the mouse met what the picker looks for, in the head frame, shape (3,)."""
-        return self._middle + picker.point  # three.js tells it in the scene
+    @property
+    def on_hover(self):
+        return self._on_hover
 
-    def _picked(self, picker):
-        """Vertex of the face under the mouse, or None."""
-        if picker.object is not self._face:
-            return None
-        corners = np.array(picker.face, dtype=int)
-        if corners.max() >= self._n:  # the lining, or the pin of the drag under way
-            return self._rim_vertex(self._point(picker))
-        away = np.linalg.norm(self._V[corners] - self._point(picker), axis=1)
-        return int(corners[away.argmin()])
+    @on_hover.setter
+    def on_hover(self, react):
+        self._on_hover, self._hand.hovers = react, react is not None
 
-    def _rim_vertex(self, point):
-        """Vertex of a lid or lip beside a point of the opening, as the camera sees them, or None.
+    @property
+    def on_press(self):
+        return self._on_press
 
-        A ray that just misses a lid goes on into the opening.
+    @on_press.setter
+    def on_press(self, react):
+        self._on_press, self._hand.grabs = react, react is not None
+
+    @property
+    def along_normal(self):
+        """Whether a drag moves along the normal of the vertex instead of in the plane of the view.
+
+        The shift key held at the press does the same.
         """
-        rim = self._lining.rim
-        if not rim.size:
-            return None
-        off = np.linalg.norm((self._V[rim] - point) @ self._axes()[:2].T, axis=1)
-        return int(rim[off.argmin()]) if off.min() < _RIM else None
+        return self._hand.along_normal
 
-    def _pressed(self):
-        vertex = self._picked(self._down)
-        if vertex is None or self._dragging or self.on_press is None:
+    @along_normal.setter
+    def along_normal(self, on):
+        self._hand.along_normal = on
+
+    @property
+    def names(self):
+        """Names of the vertices that the page shows under the mouse; empty for their numbers."""
+        table, code = self._hand.names, np.frombuffer(self._hand.name_of, np.uint32)
+        return [table[c] for c in code]
+
+    @names.setter
+    def names(self, names):
+        if len(names) not in (0, self._n):
+            raise ValueError(
+                f"names has {len(names)} names, but the face {self._n} vertices; give one for each."
+            )
+        table = list(dict.fromkeys(names))
+        place = {name: i for i, name in enumerate(table)}
+        code = np.array([place[name] for name in names], np.uint32)
+        with self._hand.hold_sync():
+            self._hand.names, self._hand.name_of = table, code.tobytes()
+
+    def _hear(self, message):
+        """The mouse has done something in the page."""
+        do, press = message["do"], message.get("press")
+        if do == "hover":
+            if self.on_hover is not None:
+                self.on_hover(message["vertex"])
+        elif do == "press":
+            if self.dragging:
+                self._let_go(self._grip.press, None)
+            self._grip.press, self._grip.hand = press, self._hand
+            if self.on_press is not None:
+                self.on_press(message["vertex"])
+        elif press == self._grip.press and do == "move":
+            self._moved(message["offset"])
+        elif do == "release":
+            self._let_go(press, message["offset"])
+
+    def _moved(self, offset):
+        if offset is not None and self.on_move is not None:
+            self.on_move(np.array(offset, dtype=float))
+
+    def _let_go(self, press, offset):
+        if not self.dragging or press != self._grip.press:
             return
-        self._grab = self._point(self._down)
-        self._plane.position = self._grab.tolist()
-        self._plane.quaternion = Rotation.from_matrix(self._axes().T).as_quat().tolist()
-        shift = bool(self._down.modifiers) and self._down.modifiers[0]
-        self._rail = self._rail_of(vertex) if shift or self.along_normal else None
-        self._dragging = True
-        self._moved.controlling = self._plane  # from here on moves are read off the plane
-        self.on_press(vertex)
+        self._moved(offset)
+        if self.dragging:  # not if the move has failed
+            self._grip.press = None
+            if self.on_release is not None:
+                self.on_release()
+            self._grip.hand.settled = press
 
-    def _mouse_moved(self):
-        if self._dragging:
-            if self._moved.object is self._plane and self.on_move is not None:
-                offset = self._point(self._moved) - self._grab
-                if self._rail is not None:
-                    across, normal = self._rail
-                    offset = (offset @ across) * normal
-                self.on_move(offset)
-            return
-        vertex = self._picked(self._moved)
-        # on the face the mouse poses, beside it orbits; orbits everywhere where nothing is posed
-        self._orbit.enableRotate = vertex is None or self.on_press is None
-        if self.on_hover is not None:
-            self.on_hover(vertex)
+    def begin_pull(self, answer, vertex, target, ahead=(0.0, 0.0, 0.0)):
+        """Tell the page how the face on screen follows the mouse, from the press on.
 
-    def _rail_of(self, vertex):
-        """For a drag along the normal: the mouse's way that counts, and the normal.
-
-        The vertex stays under the mouse where the normal is seen from the side. Where it points
-        at the viewer, moving the mouse up pulls outwards.
+        Parameters
+        ----------
+        answer : ndarray of shape (n_vertices, 3, 3) or BoundedPull
+            What `PosingSession.press` or `Sculpt.press` returned.
+        vertex : int
+            The one that is held; a pin is drawn from it to its target.
+        target : ndarray of shape (3,)
+            Where the target is before the pull, millimetres.
+        ahead : ndarray of shape (3,)
+            Further pull of this face, as where it answers to the same pin as another one.
         """
-        normal = self.normals[vertex].astype(float)
-        right, up, _ = self._axes()
-        seen = (normal @ right) * right + (normal @ up) * up
-        length = np.linalg.norm(seen)
-        return (seen / length**2 if length > 0.4 else up), normal
+        self._hand.answer(self._grip.press, answer, vertex, target, ahead)
 
-    def _released(self):
-        if not self._dragging:
-            return
-        self._dragging = False
-        self._moved.controlling = self._face
-        if self.on_release is not None:
-            self.on_release()
-
-    def _gone(self):
-        """The mouse has left the canvas: a drag ends, nothing is hovered over any more."""
-        self._released()
-        self._orbit.enableRotate = True
-        if self.on_hover is not None:
-            self.on_hover(None)
+    @property
+    def dragging(self):
+        """Whether the mouse holds the face, here or in a linked view."""
+        return self._grip.press is not None
 
     def end_drag(self):
-        """Forget a drag under way, as after an error in it."""
-        self._dragging = False
-        self._moved.controlling = self._face
+        """Forget a drag under way, as after an error in it: the page shows what it was sent."""
+        if self.dragging:
+            self._grip.hand.settled, self._grip.press = self._grip.press, None
 
     # --- what is shown ----------------------------------------------------------------------------
 
     def _normals(self, V):
         return _f32(vertex_normals_by(self._operator, V, self.mesh.faces))
 
-    def _with_pin(self, per_vertex, per_lining, per_pin):
-        """Values of the face with those of its lining and the pin's vertices below, float32."""
-        per_pin = np.broadcast_to(per_pin, self._pin_offsets.shape)
-        return _f32(np.vstack([per_vertex, per_lining, per_pin]))
+    def _with_lining(self, per_vertex, per_lining):
+        return _f32(np.vstack([per_vertex, per_lining]))
+
+    def _lined(self, V):
+        """Positions of the face and of its lining below."""
+        return self._with_lining(V, self._lining.vertices(V))
 
     def _skin(self, colors=None):
-        """Vertex colours of face, lining and pin."""
+        """Vertex colours of face and lining."""
         skin = np.tile(to_rgb(SKIN), (self._n, 1)) if colors is None else np.asarray(colors)
-        pin = np.where(self._pin_ends[:, None] > 0, _TARGET, _PIN)
-        return self._with_pin(skin, self._lining.colors, pin)
+        return self._with_lining(skin, self._lining.colors)
 
     @property
     def vertices(self):
-        """The face as it was last shown, without a morph, shape (n_vertices, 3), millimetres."""
+        """The face as it was last shown, shape (n_vertices, 3), millimetres."""
         return self._V
 
     @property
@@ -345,89 +335,29 @@ class FaceView:
         return self._N
 
     def show(self, vertices):
-        """Show the face at these positions, shape (n_vertices, 3), millimetres; ends a morph."""
+        """Show the face at these positions, shape (n_vertices, 3), millimetres."""
         self._V, self._N = np.asarray(vertices), None
-        if any(self._face.morphTargetInfluences):
-            self._face.morphTargetInfluences = [0.0, 0.0, 0.0]
-        lining = self._lining
-        self._position.array = self._with_pin(self._V, lining.vertices(self._V), self._V[[0]])
-        self._normal.array = self._with_pin(self.normals, lining.normals, np.zeros((1, 3)))
+        self._position.array = self._lined(self._V)
+        self._normal.array = self._with_lining(self.normals, self._lining.normals)
 
-    def begin_morph(self, D, vertex, target):
-        """Prepare the face on screen to move by D @ t without sending vertices again.
+    def show_pins(self, pins, colors=None, takes=True):
+        """Draw pins: a dark dot on each vertex, a coloured one on its target, a line between.
 
         Parameters
         ----------
-        D : ndarray of shape (n_vertices, 3, 3)
-            D[:, :, a] is the displacement for one millimetre of t along axis a.
-        vertex : int
-            Vertex that is held; a pin is drawn from it to its target.
-        target : ndarray of shape (3,)
-            Where the target is at t = 0, millimetres.
-        """
-        axes = self._axes()
-        ends = np.where(self._pin_ends[:, None] > 0, target, self._V[vertex])
-        pin = ends + self._pin_offsets @ axes + 2 * axes[2]  # a little in front of the skin
-        still, facing = self.normals, np.broadcast_to(axes[2], pin.shape)
-        lining = self._lining
-        self._position.array = self._with_pin(self._V, lining.vertices(self._V), pin)
-        self._normal.array = self._with_pin(still, lining.normals, facing)
-        reach = 5.0  # mm over which the normals are linearised
-        for axis in range(3):
-            along = np.where(self._pin_ends[:, None] > 0, np.eye(3)[axis], D[vertex, :, axis])
-            moved = self._V + D[:, :, axis]
-            self._morphs[axis].array = self._with_pin(moved, lining.vertices(moved), pin + along)
-            ahead = self._normals(self._V + reach * D[:, :, axis])
-            normals = still + (ahead - still) / np.float32(reach)
-            self._morph_normals[axis].array = self._with_pin(normals, lining.normals, facing)
-
-    def morph(self, t):
-        """Move the face by D @ t, t of shape (3,), millimetres: three numbers on the wire."""
-        self._face.morphTargetInfluences = [float(x) for x in t]
-
-    def show_hover(self, position):
-        """Mark a point of the face, shape (3,), or nothing for None."""
-        if position is not None:
-            self._hover.position = [float(x) for x in position]
-        if self._hover.visible != (position is not None):
-            self._hover.visible = position is not None
-
-    def show_pins(self, vertices, targets, normals=None, colors=None):
-        """Draw pins: a dark dot on each vertex, a yellow one on its target, a line between.
-
-        Parameters
-        ----------
-        vertices, targets : ndarray of shape (n_pins, 3)
-            Millimetres.
-        normals : ndarray of shape (n_pins, 3), optional
-            Outwards at each vertex: pins on the far side of the head are then hidden.
+        pins : dict of int to array_like of shape (3,)
+            Vertex to target, millimetres.
         colors : ndarray of shape (n_pins, 3), optional
             Of the targets, 0 to 1; yellow if left out.
+        takes : bool, default=True
+            Whether the mouse takes hold of a pin near it rather than of the skin.
         """
-        self._pins = tuple(np.asarray(a, dtype=float) for a in (vertices, targets)) + (
-            normals,
-            np.tile(_TARGET, (len(vertices), 1)) if colors is None else np.asarray(colors),
-        )
-        self._draw_pins()
-
-    def _draw_pins(self):
-        """Send the pins that can be seen from where the camera stands."""
-        vertices, targets, normals, colors = self._pins
-        if normals is not None:
-            near = ((self._eye - vertices) * normals).sum(axis=1) > 0
-            vertices, targets, colors = vertices[near], targets[near], colors[near]
-        n_pins = len(vertices)
-        if n_pins > self._room:
-            self._reserve_pins(2 * n_pins)
-        if n_pins:
-            spare = np.arange(self._room) % n_pins  # spare pins lie on those that are there
-            for buffer, held, wanted in (
-                (self._ends, vertices, targets),
-                (self._end_colors, np.tile(_PIN, (n_pins, 1)), colors),
-            ):
-                buffer.array = _f32(np.stack([held[spare], wanted[spare]], axis=1).reshape(-1, 3))
-        if self._marks.visible != bool(n_pins):
-            self._marks.visible = bool(n_pins)
+        self._hand.takes_pins = takes
+        colors = [_TARGET] * len(pins) if colors is None else colors
+        self._hand.pins = [
+            [int(v), np.asarray(target, dtype=float).tolist(), to_hex(color)]
+            for (v, target), color in zip(pins.items(), colors, strict=True)
+        ]
 
     def show_points(self, positions):
         """Draw a cloud of markers, 3 mm wide.
@@ -459,7 +389,7 @@ class FaceView:
 
     def resize(self, width, height):
         """Give the canvas another size, pixels; the proportions stay as they are."""
-        self.widget.width, self.widget.height = width, height
+        self._hand.size = [width, height]
 
     def paint(self, colors):
         """Colour the face: shape (n_vertices, 3), 0 to 1; None for plain skin."""
@@ -512,31 +442,6 @@ def _still(mesh, colors):
         vertexColors="VertexColors", roughness=0.25 if wet else 1.0, metalness=0.0
     )
     return three.Mesh(geometry, material)
-
-
-def _pin_shape(radius=1.3, half_width=0.3):
-    """A pin seen from the front: a disc at each end, and two crossed ribbons between.
-
-    Returns
-    -------
-    offsets : ndarray of shape (n, 3)
-        From the end, along right, up and back, millimetres.
-    ends : ndarray of int, shape (n,)
-        0 for vertices at the held vertex, 1 for those at the target.
-    triangles : ndarray of int, shape (n_triangles, 3)
-    """
-    angle = 2 * np.pi * np.arange(_DISC_CORNERS) / _DISC_CORNERS
-    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1) * radius
-    disc = np.vstack([[[0, 0, 0]], ring])
-    around = np.arange(1, _DISC_CORNERS + 1)
-    fan = np.stack([0 * around, around, np.roll(around, -1)], axis=1)
-    wide = half_width * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-    offsets = np.vstack([disc, disc + [0, 0, 0.1], wide, wide])
-    n = len(disc)
-    ends = np.repeat([0, 1, 0, 1], [n, n, 4, 4])
-    a, b = 2 * n, 2 * n + 4
-    ribbons = [[a, a + 1, b], [a + 1, b + 1, b], [a + 2, a + 3, b + 2], [a + 3, b + 3, b + 2]]
-    return offsets, ends, np.vstack([fan, fan + n, ribbons])
 
 
 def _disc(size=32):

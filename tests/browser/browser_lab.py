@@ -18,12 +18,12 @@ from pathlib import Path
 import nbformat
 from get_browser import find
 from jupyter_client import BlockingKernelClient
+from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
 from playwright.sync_api import sync_playwright
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 120
 """Seconds after which something that should happen is taken not to: a busy machine is slow."""
-VOILA = "--ServerApp.jpserver_extensions={'voila.server_extension': True}"
 FLAGS = [  # software rendering, and nothing that calls home
     *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--ignore-gpu-blocklist", "--disable-background-networking", "--no-first-run"),
@@ -42,7 +42,11 @@ import anywidget as _anywidget
 class _Echo(_anywidget.AnyWidget):
     _esm = '''export default { initialize({ model }) {
       const drawn = () => new Promise(requestAnimationFrame);
-      model.on("msg:custom", ({ call }) => drawn().then(drawn).then(() => model.send({ call })));
+      model.on("msg:custom", async ({ call, draw }) => {
+        if (draw) await drawn().then(drawn);
+        model.send({ call });
+        window.called = call;
+      });
     } };'''
     heard = 0
 
@@ -55,78 +59,114 @@ _echo.on_msg(_echo.answer)
 
 
 @cache
-def _playwright():
-    """One for all labs of a run: there cannot be two."""
+def _browser():
+    """One for all labs of a run: there cannot be two playwrights."""
     started = sync_playwright().start()
     atexit.register(started.stop)
-    return started
+    return started.chromium.launch(executable_path=find(), args=FLAGS)
 
 
-class Lab:
-    """A server started as `make lab` starts it, one notebook open in one page.
+def new_page():
+    """A page of that browser that shows nothing yet."""
+    page = _browser().new_page(viewport={"width": 1400, "height": 1000})
+    page.set_default_timeout(1000 * PATIENCE)
+    return page
+
+
+class Server:
+    """A server started as `make lab` starts it, for any number of labs.
 
     Parameters
     ----------
     folder : Path
-        Where the server runs; notebooks are copied there.
+        Where it runs; notebooks are copied there.
     no_delay : bool
         Whether to use the lab's own server configuration.
-    app : {"jupyterlab", "notebook", "voila"}
-        What shows the notebook; Voila as `make app` starts it.
     """
 
-    def __init__(self, folder, no_delay=True, app="jupyterlab"):
-        self.app = app
+    def __init__(self, folder, no_delay=True):
         self.folder = Path(folder)
         self.token = secrets.token_hex(16)
         with socket.socket() as s:
             s.bind(("127.0.0.1", 0))
-            self.base = f"http://127.0.0.1:{s.getsockname()[1]}"
-        self.env = {**os.environ, "JUPYTER_RUNTIME_DIR": str(self.folder / "runtime")}
+            self.port = s.getsockname()[1]
+        env = {**os.environ, "JUPYTER_RUNTIME_DIR": str(self.folder / "runtime")}
         root = [] if no_delay else ["--allow-root"]  # the lab's own configuration sees to it
         config = [f"--config={ROOT / 'app' / 'jupyter_server_config.py'}"] if no_delay else []
         self.log = open(self.folder / "server.log", "w")
-        program = ["jupyter", "server", VOILA] if app == "voila" else [app]
-        self.server = subprocess.Popen(
+        self.process = subprocess.Popen(
             [
-                *(sys.executable, "-m", *program, *config, "--no-browser", *root),
-                *(f"--port={self.base.rsplit(':', 1)[1]}", "--ServerApp.port_retries=0"),
+                *(sys.executable, "-m", "jupyterlab", *config, "--no-browser", *root),
+                *(f"--port={self.port}", "--ServerApp.port_retries=0"),
                 *(f"--IdentityProvider.token={self.token}", f"--ServerApp.root_dir={self.folder}"),
             ],
             stdout=self.log,
             stderr=self.log,
-            env=self.env,
+            env=env,
         )
-        self._wait(lambda: self._get("/api") is not None, PATIENCE, f"{app} did not start")
-        self.browser = _playwright().chromium.launch(executable_path=find(), args=FLAGS)
-        self.page = self.browser.new_page(viewport={"width": 1400, "height": 1000})
-        self.page.set_default_timeout(1000 * PATIENCE)
+        self.wait(lambda: self.ask("/api") is not None, PATIENCE, "the server did not start")
+
+    def ask(self, path, method="GET"):
+        """What the server answers, or None."""
+        address = f"http://127.0.0.1:{self.port}{path}"
+        head = {"Authorization": f"token {self.token}"}
+        request = urllib.request.Request(address, headers=head, method=method)
+        try:
+            with urllib.request.urlopen(request, timeout=PATIENCE) as reply:
+                return json.loads(reply.read() or "null")
+        except OSError:
+            return None
+
+    def kernels(self):
+        """Those that run: set of their names."""
+        return {kernel["id"] for kernel in self.ask("/api/kernels") or []}
+
+    def wait(self, done, seconds, complaint):
+        """Wait for something to come true; give what it gave."""
+        end = time.time() + seconds
+        while not (result := done()):
+            if time.time() > end or self.process.poll() is not None:
+                raise TimeoutError(f"{complaint}; server log: {self.folder / 'server.log'}")
+            time.sleep(0.05)
+        return result
+
+    def close(self):
+        """End it, and its kernels with it."""
+        self.process.terminate()
+        self.process.wait(timeout=30)
+        self.log.close()
+
+
+class Lab:
+    """One notebook open in one page.
+
+    Parameters
+    ----------
+    server : Server
+    app : {"jupyterlab", "notebook", "voila"}
+        What shows the notebook; Voila as `make app` starts it.
+    port : int, optional
+        Of a `Wire` to the server.
+    """
+
+    def __init__(self, server, app="jupyterlab", port=None):
+        self.server, self.app, self.folder = server, app, server.folder
+        self.base = f"http://127.0.0.1:{port or server.port}"
+        self.page = new_page()
         self.errors = []  # what the page complains of, for the message of a test that fails
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.on("console", self._note)
-        self.client = None
+        self.client = self._kernel = None
 
     def _note(self, message):
         if message.type == "error":
             self.errors.append(message.text)
 
-    def _get(self, path):
-        try:
-            with urllib.request.urlopen(
-                f"{self.base}{path}?token={self.token}", timeout=PATIENCE
-            ) as reply:
-                return json.load(reply)
-        except OSError:
-            return None
-
     def _wait(self, done, seconds, complaint):
-        end = time.time() + seconds
-        while not (result := done()):
-            if time.time() > end or self.server.poll() is not None:
-                log = self.folder / "server.log"
-                raise TimeoutError(f"{complaint}; server log: {log}; page: {self.errors}")
-            time.sleep(0.1)
-        return result
+        try:
+            return self.server.wait(done, seconds, complaint)
+        except TimeoutError as error:
+            raise TimeoutError(f"{error}; page: {self.errors}") from None
 
     def open(self, notebook, seconds=300):
         """Open a notebook, run all of it, wait until the kernel is quiet."""
@@ -134,11 +174,13 @@ class Lab:
         page, name = self.page, Path(notebook).name
         path = {"jupyterlab": "/lab/tree/", "notebook": "/notebooks/", "voila": "/voila/render/"}
         address = f"{self.base}{path[self.app]}{name}"
-        page.goto(f"{address}?reset&token={self.token}", timeout=1000 * seconds)
-        (kernel,) = self._wait(lambda: self._get("/api/kernels"), PATIENCE, "no kernel started")
+        others = self.server.kernels()
+        page.goto(f"{address}?reset&token={self.server.token}", timeout=1000 * seconds)
+        new = self._wait(lambda: self.server.kernels() - others, PATIENCE, "no kernel started")
+        (self._kernel,) = new
         self.client = BlockingKernelClient()
         self.client.load_connection_file(
-            str(self.folder / "runtime" / f"kernel-{kernel['id']}.json")
+            str(self.folder / "runtime" / f"kernel-{self._kernel}.json")
         )
         self.client.start_channels()
         self._meet_kernel(seconds)
@@ -179,21 +221,24 @@ class Lab:
         self._wait(answers, seconds, "the kernel does not answer")
         self._calls, self._echoes = 0, False
 
-    def bring_into_view(self):
-        """Scroll to the first canvas and wait until nothing moves it any more."""
-        canvas = self.page.locator("canvas").first
+    def bring_into_view(self, canvas=None):
+        """Scroll to the first canvas, or to this one, and wait until nothing moves it any more."""
+        canvas = canvas or self.page.locator("canvas").first
         canvas.wait_for()
-        boxes = [None, "none yet"]
-        while boxes[-4:] != [boxes[-1]] * 4:  # pictures that come late move the page
-            self.settle()
+        self.settle()
+        boxes = []
+        while len(boxes) < 3 or boxes[-3:] != [boxes[-1]] * 3:  # late pictures move the page
             canvas.scroll_into_view_if_needed()
+            self.page.evaluate("() => new Promise(requestAnimationFrame)")
             boxes.append(canvas.bounding_box())
-            assert len(boxes) < 80, "the page does not come to rest"
+            assert len(boxes) < 200, "the page does not come to rest"
+        return boxes[-1]
 
     def run(self, source, timeout=PATIENCE, **expressions):
         """Run source in the notebook's kernel; values of expressions come back through JSON."""
         asked = {k: f"__import__('json').dumps({v})" for k, v in expressions.items()}
-        ident = self.client.execute(source, silent=False, user_expressions=asked)
+        # quietly: a page shows what its kernel runs, and on a busy machine that takes its time
+        ident = self.client.execute(source, silent=True, user_expressions=asked)
         while True:
             reply = self.client.get_shell_msg(timeout=timeout)
             if reply["parent_header"].get("msg_id") == ident:
@@ -213,30 +258,33 @@ class Lab:
         widget of the page keeps changes back until the kernel has dealt with its last one: those
         are heard by the second call. What the kernel answers to them is drawn by the third.
         """
-        for _ in range(3):
+        for draw in (False, False, True):
             self._calls += 1
-            self._wait(self._called, PATIENCE, "the page does not answer")
+            self._wait(lambda d=draw: self._called(d), PATIENCE, "the page does not answer")
 
-    def _called(self):
+    def _called(self, draw):
         """Call the page, once; a page that is still loading may not get to know its first echo."""
         if not self._echoes:
             self.run(ECHO)
-        self.run(f"_echo.send({{'call': {self._calls}}})")
-        for pause in (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28, 2.56):  # asking costs too
-            time.sleep(pause)
-            self._echoes = self.run("", heard="_echo.heard")["heard"] >= self._calls
-            if self._echoes:
-                return True
-        return False
+            self.page.evaluate("window.called = 0")
+        self.run(f"_echo.send({{'call': {self._calls}, 'draw': {draw}}})")
+        try:  # the page waits for itself: to ask the kernel again and again costs both
+            patience = 1000 * PATIENCE if self._echoes else 3000
+            self.page.wait_for_function(f"window.called >= {self._calls}", timeout=patience)
+        except PlaywrightTimeoutError:
+            return False
+        self._echoes = True
+        return self._wait(
+            lambda: self.run("", heard="_echo.heard")["heard"] >= self._calls, PATIENCE, "no echo"
+        )
 
     def close(self):
-        """End browser, kernel and server."""
+        """End page and kernel."""
         if self.client:
             self.client.stop_channels()
-        self.browser.close()
-        self.server.terminate()
-        self.server.wait(timeout=30)
-        self.log.close()
+        self.page.close()
+        if self._kernel:
+            self.server.ask(f"/api/kernels/{self._kernel}", "DELETE")
 
 
 def write_notebook(path, cells):

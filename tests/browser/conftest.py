@@ -1,7 +1,7 @@
-"""What the browser tests share: the posing lab of the example face, open in JupyterLab."""
+"""What the browser tests share: one server, and the posing lab of the example face on it."""
 
 import pytest
-from browser_lab import Lab, write_notebook
+from browser_lab import Lab, Server, write_notebook
 
 CELLS = (
     "from facelab.widgets import PosingLab",
@@ -10,10 +10,20 @@ CELLS = (
 )
 
 
+@pytest.fixture(scope="session")
+def server(tmp_path_factory):
+    """One for all tests: a folder of its own, any number of notebooks."""
+    server = Server(tmp_path_factory.mktemp("server"))
+    try:
+        yield server
+    finally:
+        server.close()
+
+
 @pytest.fixture(scope="module")
-def posing_lab(tmp_path_factory):
+def posing_lab(server):
     """A lab of the example face in JupyterLab, with a second view of its session below."""
-    lab = Lab(tmp_path_factory.mktemp("lab"))
+    lab = Lab(server)
     try:
         lab.open(write_notebook(lab.folder / "source" / "posing.ipynb", CELLS))
         lab.bring_into_view()

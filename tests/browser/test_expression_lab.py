@@ -20,11 +20,10 @@ lab
 
 
 @pytest.fixture(scope="module")
-def page_lab(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("expression")
-    lab = Lab(folder)
+def page_lab(server):
+    lab = Lab(server)
     try:
-        lab.open(write_notebook(folder / "source" / "expression.ipynb", [CELL]))
+        lab.open(write_notebook(lab.folder / "source" / "expression.ipynb", [CELL]))
         lab.page.locator(".facelab-unit").first.wait_for()
         lab.settle()
         yield lab
@@ -110,14 +109,9 @@ def test_another_sketch_is_loaded_pulled_and_a_bad_one_refused_in_the_page(page_
     at = lab.run("", p=f"lab.sketch_view.project(session.sketch[[{vertex}]])[0].tolist()")["p"]
     box = sketch.bounding_box()
     x, y = box["x"] + at[0] * box["width"], box["y"] + at[1] * box["height"]
-    page.mouse.move(x + 5, y + 3)
-    lab.settle()
     page.mouse.move(x, y)
-    lab.settle()
     page.mouse.down()
-    lab.settle()
     page.mouse.move(x, y + 12, steps=6)
-    lab.settle()
     page.mouse.up()
     lab.settle()
     assert lab.run("", o="session.state.origin")["o"] == "pulled by hand"

@@ -1,7 +1,7 @@
 """Names that are HTML, in every lab of one page: the browser runs none of them."""
 
 import pytest
-from browser_lab import Lab, write_notebook
+from browser_lab import ROOT, Lab, write_notebook
 
 CELLS = [
     """
@@ -19,15 +19,12 @@ labs[0]""",
 
 
 @pytest.fixture(scope="module")
-def hostile_page(tmp_path_factory):
-    from browser_lab import ROOT
-
-    folder = tmp_path_factory.mktemp("hostile")
+def hostile_page(server):
     paths = [str(ROOT / "tests" / "widgets"), str(ROOT / "tests")]
-    lab = Lab(folder)
+    lab = Lab(server)
     try:
         cells = [CELLS[0].replace("{paths!r}", repr(paths)), *CELLS[1:]]
-        lab.open(write_notebook(folder / "source" / "hostile.ipynb", cells))
+        lab.open(write_notebook(lab.folder / "source" / "hostile.ipynb", cells))
         yield lab
     finally:
         lab.close()
@@ -39,8 +36,12 @@ def test_no_name_runs_as_script_in_the_page(hostile_page):
     for tab in ("Shape", "Poses", "Clip", "Files", "Pose"):
         page.get_by_role("tab", name=tab, exact=True).click()
         lab.settle()
-    lab.run("lab._hover(40)")
+    lab.run("lab.view.names = [test_page.hostile('vertex')] * len(lab.view.vertices)")
     lab.settle()
+    box = lab.bring_into_view()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.locator(".facelab-label").first.wait_for()
+    assert "<img src=x" in page.locator(".facelab-label").first.text_content()
     page.wait_for_timeout(500)  # a picture that cannot be loaded is reported a moment later
     assert page.evaluate("window.hacked ?? null") is None
     shown = page.locator(".jp-OutputArea").all_inner_texts()

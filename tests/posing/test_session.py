@@ -16,6 +16,7 @@ from facelab.geometry.symmetry import mirror_partners
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.motion import MotionSequence
+from facelab.posing.bounded import BoundedPull
 from facelab.posing.session import PosingSession
 from facelab.posing.solver import REFERENCE_VERTICES, STIFFNESS, PoseSolver
 from facelab.posing.state import PoseState
@@ -1306,7 +1307,7 @@ def test_within_the_limit_nothing_changes(session, regions):
 
 def test_a_drag_with_the_limit_on_shows_what_solving_anew_gives(session, regions):
     session.set(limit=2)
-    assert session.press(8) is None
+    assert isinstance(session.press(8), BoundedPull)
     for mm in (1.0, 4, 9, 16, 3):
         session.drag(8, regions.mesh.vertices[8] + [mm, 0, 0])
     shown = session.vertices

@@ -4,7 +4,9 @@ from datetime import datetime
 
 import numpy as np
 import pytest
-from hand import move, pick
+from hand import drawn as on
+from hand import let_go as release
+from hand import move, press
 from planted import bumps, quarters
 
 from facelab.expression.session import ALPHAS, ExpressionSession
@@ -48,16 +50,8 @@ def lab(rig, posing, tmp_path):
     return ExpressionLab(session, sketches, others, folder=tmp_path)
 
 
-def on(view):
-    """Positions on screen: the base and its three morphs, as three.js adds them."""
-    base = view._position.array.astype(float)
-    t = view._face.morphTargetInfluences
-    moved = base + sum((m.array - base) * w for m, w in zip(view._morphs, t, strict=True))
-    return moved[: view.mesh.n_vertices]
-
-
 def shows_the_session(lab):
-    # float32 of positions up to 100 mm, with morphs summed
+    # float32 of positions up to 100 mm
     np.testing.assert_allclose(on(lab.sketch_view), lab.session.sketch, atol=1e-3)
     np.testing.assert_allclose(on(lab.view), lab.session.vertices, atol=1e-3)
     np.testing.assert_allclose(lab.bars.weights, lab.session.weights, atol=1e-4)
@@ -68,12 +62,12 @@ def shows_the_session(lab):
 
 
 def drag(lab, vertex, offset):
-    pick(lab.sketch_view, lab.sketch_view._down, vertex)
+    press(lab.sketch_view, vertex)
     move(lab.sketch_view, offset)
 
 
 def let_go(lab):
-    lab.sketch_view._up.point = (1.0, 1.0, 1.0)
+    release(lab.sketch_view)
 
 
 def edit(lab, what, name, weight=0.0):
@@ -105,7 +99,7 @@ def test_moving_alpha_changes_face_and_weights_and_not_the_sketch(lab):
 
 def test_a_move_of_alpha_sends_little_beside_the_face(lab):
     sent = []
-    for part in (lab.bars, lab.curve, lab._sum, lab._status, lab.sketch_view.widget):
+    for part in (lab.bars, lab.curve, lab._sum, lab._status, lab.sketch_view._hand):
         part.observe(lambda change, part=part: sent.append((part, change["name"])))
     lab.curve.place = 12
     lab.curve.place = 13
@@ -379,7 +373,7 @@ def test_an_error_in_a_drag_is_shown_and_all_stays_as_it_was(lab, monkeypatch):
     monkeypatch.setattr(lab.session, "load", boom)
     drag(lab, 17, [0.0, 0, 5])
     assert "a planted &lt;mishap&gt;" in lab._message.value
-    assert lab.session.state is before and not lab.sketch_view._dragging
+    assert lab.session.state is before and not lab.sketch_view.dragging
     monkeypatch.undo()
     assert shows_the_session(lab)
     drag(lab, 17, [0.0, 0, 5])

@@ -6,7 +6,7 @@ from datetime import datetime
 import matplotlib.image
 import numpy as np
 import pytest
-from hand import in_scene, move, pick
+from hand import drawn, hover, let_go, move, press
 from planted import bumps, quarters
 from shapes import grid_mesh
 
@@ -47,26 +47,13 @@ def lab(models, rng, tmp_path):
     return PosingLab(session, models, takes=takes, folder=tmp_path)
 
 
-def face_of(view):
-    """Positions on screen: the base and its three morphs, as three.js adds them."""
-    base = view._position.array.astype(float)
-    t = view._face.morphTargetInfluences
-    moved = base + sum((m.array - base) * w for m, w in zip(view._morphs, t, strict=True))
-    return moved[: view.mesh.n_vertices]
-
-
 def skin_of(view):
     return view._color.array[: view.mesh.n_vertices]
 
 
-def drag(lab, vertex, offset, shift=False, view=None):
-    view = view or lab.view
-    pick(view, view._down, vertex, shift=shift)
-    move(view, offset)
-
-
-def let_go(view):
-    view._up.point = tuple(view._moved.point)
+def drag(lab, vertex, offset, view=None):
+    press(view or lab.view, vertex)
+    move(view or lab.view, offset)
 
 
 def pull(lab, vertex, offset, **kwargs):
@@ -88,128 +75,124 @@ def press_key(lab, key):
 
 def test_the_buffers_hold_the_face_on_screen(lab):
     mesh = lab.session.neutral
-    np.testing.assert_allclose(face_of(lab.view), mesh.vertices, atol=1e-4)
+    np.testing.assert_allclose(drawn(lab.view), mesh.vertices, atol=1e-4)
     np.testing.assert_allclose(lab.view._normal.array[: mesh.n_vertices], mesh.normals, atol=1e-6)
 
 
-def test_a_drag_sends_three_numbers_and_the_page_shows_the_session_s_face(lab):
+def test_while_a_vertex_is_pulled_the_page_draws_the_session_s_face_from_one_answer(lab):
     offset = np.array([2.0, 1.0, 3.0])
-    before = lab.view._position.array.shape
+    before = lab.view._position.array
     drag(lab, 17, offset)
-    np.testing.assert_allclose(lab.view._face.morphTargetInfluences, offset, atol=1e-9)
+    assert lab.view._position.array is before, "no face is sent while the mouse moves"
     assert np.abs(lab.session.vertices - lab.session.neutral.vertices).max() > 1
     # float32 of positions up to 100 mm, summed: 1e-3 mm is far below what can be seen
-    np.testing.assert_allclose(face_of(lab.view), lab.session.vertices, atol=1e-3)
+    np.testing.assert_allclose(drawn(lab.view), lab.session.vertices, atol=1e-3)
     let_go(lab.view)
-    assert lab.view._face.morphTargetInfluences == [0.0, 0.0, 0.0]
-    np.testing.assert_allclose(face_of(lab.view), lab.session.vertices, atol=1e-4)
-    assert lab.view._position.array.shape == before, "buffers must keep their shape"
+    np.testing.assert_allclose(drawn(lab.view), lab.session.vertices, atol=1e-4)
+    assert lab.view._position.array.shape == before.shape, "buffers must keep their shape"
     assert list(lab.session.pins) == [17] and not lab.undo.disabled
 
 
-def test_a_morph_is_exact_at_a_second_drag_too(lab):
+def test_what_the_page_draws_is_right_at_a_second_drag_too(lab):
     pull(lab, 17, [2.0, 0, 1])
     drag(lab, 90, [0, -3.0, 1])
-    np.testing.assert_allclose(face_of(lab.view), lab.session.vertices, atol=1e-3)
+    np.testing.assert_allclose(drawn(lab.view), lab.session.vertices, atol=1e-3)
 
 
 @pytest.mark.parametrize("how", ["rig", "limit"])
-def test_where_the_pose_is_not_affine_whole_faces_are_sent(lab, how):
+def test_where_the_pose_is_not_affine_the_page_solves_and_draws_the_same(lab, how):
     if how == "rig":
         lab.model_choice.value = "rig"
     else:
         lab.pose.limit.value = True
         assert lab.session.limit == 3
+    before = lab.view._position.array
+    for offset in ([2.0, 1.0, 3.0], [0, 0, 12.0]):
+        drag(lab, 17, offset)
+        moved = lab.session.vertices
+        assert np.abs(moved - lab.session.neutral.vertices).max() > 0.1
+        assert lab.view._position.array is before
+        np.testing.assert_allclose(drawn(lab.view), moved, atol=1e-3)
+        lab.view.end_drag()
+        lab.session.cancel()
+    drag(lab, 17, offset)
+    let_go(lab.view)
+    np.testing.assert_allclose(drawn(lab.view), moved, atol=1e-4)
+
+
+@pytest.mark.parametrize("how", ["rig", "limit"])
+def test_a_face_too_large_for_the_page_to_solve_is_sent_whole(lab, how, monkeypatch):
+    monkeypatch.setattr("facelab.posing.solver._LARGEST_BASIS", 0)
+    if how == "rig":
+        lab.model_choice.value = "rig"
+    else:
+        lab.pose.limit.value = True
     drag(lab, 17, [2.0, 1.0, 3.0])
-    assert lab.view._face.morphTargetInfluences == [0.0, 0.0, 0.0]
     moved = lab.session.vertices
     assert np.abs(moved - lab.session.neutral.vertices).max() > 0.1
-    np.testing.assert_allclose(face_of(lab.view), moved, atol=1e-4)
+    np.testing.assert_allclose(drawn(lab.view), moved, atol=1e-4)
+
+
+def test_the_place_of_the_release_counts_and_moves_before_it_need_not_arrive(lab):
+    at = lab.session.neutral.vertices[17]
+    press(lab.view, 17)
+    let_go(lab.view, [1.25, 3.0, 2.0])
+    np.testing.assert_allclose(lab.session.pins[17], at + [1.25, 3.0, 2.0], atol=1e-12)
+
+
+def test_what_belongs_to_another_press_is_not_heard(lab):
+    old = press(lab.view, 17)
+    lab.view.end_drag()
+    lab.session.cancel()
+    press(lab.view, 90)
+    for do in ("move", "release"):
+        lab.view._hear({"do": do, "press": old, "offset": [5.0, 5, 5]})
+    assert lab.view.dragging and list(lab.session.pins) == [90]
+    let_go(lab.view, [1.0, 0, 0])
+    assert list(lab.session.pins) == [90]
+
+
+def test_the_page_is_told_when_a_press_has_been_dealt_with(lab):
+    first = press(lab.view, 17)
+    assert lab.view._hand.settled != first
     let_go(lab.view)
-    np.testing.assert_allclose(face_of(lab.view), moved, atol=1e-4)
+    assert lab.view._hand.settled == first and not lab.view.dragging
+    second = press(lab.view, 17)
+    lab.view.end_drag()
+    assert lab.view._hand.settled == second
 
 
-def test_pressing_the_same_spot_twice_is_noticed_twice(lab):
-    for _ in range(2):
-        pick(lab.view, lab.view._down, 17, point=(5.0, 5.0, 0.0))
-        assert lab.view._dragging
-        lab.view._up.point = (1.0, 1.0, 1.0)
-        assert not lab.view._dragging
-
-
-def test_leaving_the_canvas_ends_the_drag(lab):
-    drag(lab, 17, [1.0, 1, 1])
-    lab.view._left.point = (9.0, 9.0, 9.0)
-    assert not lab.view._dragging and list(lab.session.pins) == [17]
-
-
-def test_leaving_a_canvas_from_the_face_lets_the_camera_turn_again(lab):
-    pick(lab.view, lab.view._moved, 30)
-    assert not lab.view._orbit.enableRotate
-    lab.view._left.point = (9.0, 9.0, 9.0)
-    assert lab.view._orbit.enableRotate and not lab.view._hover.visible
-
-
-def test_hovering_marks_and_names_the_vertex_and_keeps_the_camera_still(lab):
-    pick(lab.view, lab.view._moved, 30)
-    assert lab.view._hover.visible and not lab.view._orbit.enableRotate
-    assert "vertex 30" in lab._status.value and lab.name_of(30) == "vertex 30"
-    np.testing.assert_allclose(lab.view._hover.position, lab.session.neutral.vertices[30])
-    lab.view._moved.object = None
-    lab.view._moved.point = (0.0, 0.0, 1.0)
-    assert not lab.view._hover.visible and lab.view._orbit.enableRotate
-
-
-@pytest.mark.parametrize("how", ["shift", "button"])
-def test_a_drag_along_the_normal_moves_nowhere_else(lab, how):
-    lab.pose.along.value = how == "button"
-    normal = lab.session.neutral.normals[17]
-    drag(lab, 17, [0.0, 4.0, 0.0], shift=how == "shift")
-    went = lab.session.pins[17] - lab.session.neutral.vertices[17]
-    # the grid faces the camera: up is outwards, as far as the mouse goes
-    np.testing.assert_allclose(went, 4 * normal, atol=1e-6)
-
-
-def test_seen_from_the_side_the_vertex_stays_under_the_mouse_along_its_normal(lab):
-    view = lab.view
-    view._camera.position = [400.0, 0, 0]
-    drag(lab, 17, [0.0, 1.0, -3.0], shift=True)  # 3 mm against the normal, which is +z
-    went = lab.session.pins[17] - lab.session.neutral.vertices[17]
-    np.testing.assert_allclose(went, [0, 0, -3.0], atol=1e-6)
+def test_the_page_has_a_name_for_each_vertex(models, rng):
+    mesh = models["rig"].neutral
+    marked = TriangleMesh(mesh.vertices, mesh.faces, {"brow_left_3": 14})
+    lab = PosingLab(PosingSession(models["holistic"], marked))
+    names = lab.view.names
+    assert names[14] == "brow left 3" == lab.name_of(14)
+    far = int(np.linalg.norm(mesh.vertices - mesh.vertices[14], axis=1).argmax())
+    assert names[far] == "" and lab.name_of(far) == f"vertex {far}"
+    with pytest.raises(ValueError, match="2 names"):
+        lab.view.names = ["a", "b"]
 
 
 def test_two_linked_views_share_the_camera_and_refuse_other_proportions(grid):
     a = FaceView(grid, width=300, height=300)
     b = FaceView(grid, width=150, height=150, linked_to=a)
-    assert b.widget.camera is a.widget.camera
-    assert b._orbit is a._orbit and a._orbit in b.widget.controls
+    assert b._camera is a._camera
+    assert b._orbit is a._orbit and a._orbit in b.widget.children[0].controls
     far = FaceView(grid.with_vertices(grid.vertices + FAR), width=300, height=300, linked_to=a)
     np.testing.assert_allclose(far.project(grid.vertices + FAR), a.project(grid.vertices))
     with pytest.raises(ValueError, match="same proportions"):
         FaceView(grid, width=300, height=150, linked_to=a)
 
 
-def test_there_is_room_for_any_number_of_pins(grid):
+def test_pins_are_told_by_vertex_target_and_colour(grid):
     view = FaceView(grid)
-    points = np.random.default_rng(0).normal(size=(40, 3))
-    view.show_pins(points, points + 1)
-    np.testing.assert_allclose(view._ends.array[:80:2], points, atol=1e-6)
-    np.testing.assert_allclose(view._ends.array[1:80:2], points + 1, atol=1e-6)
-    view.show_pins(points[:0], points[:0])
-    assert not view._marks.visible
-
-
-def test_pins_on_the_far_side_are_hidden_until_the_camera_has_gone_round(grid):
-    view = FaceView(grid)
-    at, normals = grid.vertices[:2], np.array([[0.0, 0, 1], [0, 0, -1]])
-    view.show_pins(at, at + 1, normals)
-
-    def drawn():
-        return np.unique(view._ends.array[::2], axis=0)
-
-    np.testing.assert_allclose(drawn(), at[:1])
-    view._camera.position = [0, 0, -500]
-    np.testing.assert_allclose(drawn(), at[1:])
+    view.show_pins({3: grid.vertices[3] + 1, 5: grid.vertices[5]}, [(1.0, 0, 0), (0, 0, 1.0)])
+    first, second = view._hand.pins
+    assert (first[0], first[2]) == (3, "#ff0000") and (second[0], second[2]) == (5, "#0000ff")
+    np.testing.assert_array_equal(first[1], grid.vertices[3] + 1)
+    view.show_pins({})
+    assert view._hand.pins == []
 
 
 def test_points_are_projected_as_the_camera_sees_them(grid):
@@ -235,27 +218,6 @@ def test_a_face_anywhere_stands_in_the_middle_without_a_message_to_the_page(grid
     np.testing.assert_allclose(there.project(grid.vertices + FAR), here.project(grid.vertices))
 
 
-def test_a_face_anywhere_is_hovered_over_pulled_and_pinned_in_its_own_frame(grid):
-    view = FaceView(grid.with_vertices(grid.vertices + FAR))
-    seen = []
-    view.on_hover = view.on_press = view.on_move = lambda what: seen.append(what)
-    pick(view, view._moved, 17)
-    with view._down.hold_trait_notifications():  # a triangle; the nearest corner counts
-        view._down.object, view._down.face = view._face, [16.0, 17.0, 22.0]
-        view._down.point = in_scene(view, view.vertices[17] + [1.0, 1.0, 0.0])
-    np.testing.assert_allclose(view._plane.position, view.vertices[17] + [1.0, 1.0, 0.0])
-    view._moved.object = view._plane
-    view._moved.point = in_scene(view, view.vertices[17] + [3.0, 0.0, 2.0])
-    assert seen[:2] == [17, 17]
-    np.testing.assert_allclose(seen[2], [2.0, -1.0, 2.0])
-    view.show_hover(view.vertices[17])
-    view.show_pins(view.vertices[:2], view.vertices[:2] + 1)
-    view.show_points(view.vertices[:2])
-    np.testing.assert_allclose(view._hover.position, view.vertices[17])
-    for buffer in (view._ends.array, view._points.array):
-        np.testing.assert_allclose(buffer[0], view.vertices[0])
-
-
 @pytest.fixture
 def mouth():
     """A grid with a hole in it, and the vertices around the hole."""
@@ -271,15 +233,10 @@ def test_an_opening_is_lined_behind_and_the_lining_follows_its_rim(mouth):
     assert lining.faces.max() == len(V) - 1 == len(lining.normals) - 1 == len(lining.colors) - 1
     assert {tuple(v) for v in mesh.vertices[rim]} <= {tuple(v) for v in V}
     assert V[:, 2].max() == 0 and V[:, 2].min() < -3, "it lies behind the face"
-    view = FaceView(mesh)
-    D = np.zeros((mesh.n_vertices, 3, 3))
-    D[rim] = np.eye(3)
-    view.begin_morph(D, rim[0], mesh.vertices[rim[0]])
-    view.morph([1.0, 2.0, 0.0])
-    base, t = view._position.array, view._face.morphTargetInfluences
-    moved = base + sum((m.array - base) * w for m, w in zip(view._morphs, t, strict=True))
-    n = mesh.n_vertices
-    np.testing.assert_allclose(moved[n : n + len(V)], V + [1, 2, 0], atol=1e-4)
+    E, e = FaceView(mesh)._riders()
+    np.testing.assert_allclose(E @ mesh.vertices + e, V, atol=1e-9)
+    posed = mesh.vertices + np.sin(mesh.vertices[:, ::-1])
+    np.testing.assert_allclose(E @ posed + e, lining.vertices(posed), atol=1e-9)
 
 
 def test_a_face_without_openings_has_no_lining(grid):
@@ -312,7 +269,7 @@ def test_an_error_in_a_callback_stands_in_the_page_and_the_pose_stays(lab, monke
     monkeypatch.setattr(lab.session, "drag", boom)
     drag(lab, 17, [1.0, 1, 1])
     assert "a planted &lt;mishap&gt;" in lab._message.value
-    assert not lab.view._dragging
+    assert not lab.view.dragging
     np.testing.assert_array_equal(lab.session.vertices, before)
     monkeypatch.undo()
     drag(lab, 17, [1.0, 1, 1])
@@ -351,9 +308,9 @@ def test_buttons_and_sliders_do_what_the_session_does(lab):
     pull(lab, 17, [2.0, 2, 2])
     posed = lab.session.vertices
     lab.undo.click()
-    np.testing.assert_array_equal(face_of(lab.view), neutral.astype(np.float32))
+    np.testing.assert_array_equal(drawn(lab.view), neutral.astype(np.float32))
     lab.redo.click()
-    np.testing.assert_allclose(face_of(lab.view), posed, atol=1e-4)
+    np.testing.assert_allclose(drawn(lab.view), posed, atol=1e-4)
     lab.pose.gamma.value = 1.0
     assert lab.session.gamma == 1.0
     assert np.linalg.norm(lab.session.vertices - neutral) < np.linalg.norm(posed - neutral)
@@ -420,12 +377,12 @@ def test_a_locked_pin_is_not_dragged_and_the_page_says_why(lab):
     np.testing.assert_array_equal(lab.session.vertices, before)
 
 
-def test_symmetric_drags_pull_both_sides_and_morph_them_too(lab):
+def test_symmetric_drags_pull_both_sides_and_are_drawn_so(lab):
     lab.pose.symmetric.value = True
     drag(lab, 17, [2.0, 1.0, 1.0])
     partner = int(lab.session.partners[17])
     assert partner not in (-1, 17)
-    np.testing.assert_allclose(face_of(lab.view), lab.session.vertices, atol=1e-3)
+    np.testing.assert_allclose(drawn(lab.view), lab.session.vertices, atol=1e-3)
     let_go(lab.view)
     moved = lab.session.pins[partner] - lab.session.neutral.vertices[partner]
     np.testing.assert_allclose(moved, [-2, 1, 1], atol=1e-9)
@@ -488,7 +445,8 @@ def test_what_the_page_rounds_to_a_slider_s_grid_is_no_edit(lab):
 
 def test_a_click_on_the_face_chooses_its_region_and_sets_no_pin(lab):
     vertex = int(np.flatnonzero(lab.session.region_labels == 3)[0])
-    pull(lab, vertex, [0.01, 0, 0])
+    press(lab.view, vertex)
+    let_go(lab.view)
     assert lab.shape.region == 3 and not lab.session.pins and not lab.session.can_undo
 
 
@@ -515,7 +473,7 @@ def test_regions_are_named_by_the_landmark_in_their_middle(models):
 def test_another_model_answers_the_same_pins_beside_the_first(lab, models):
     pull(lab, 17, [2.0, 1, 3])
     lab.beside.value = "holistic"
-    a, b = (face_of(view) for view in (lab.view, lab.other_view))
+    a, b = (drawn(view) for view in (lab.view, lab.other_view))
     alone = PosingSession(models["holistic"], lab.session.neutral)
     alone.set_pin(17, lab.session.pins[17])
     np.testing.assert_allclose(a, lab.session.vertices, atol=1e-4)
@@ -523,37 +481,37 @@ def test_another_model_answers_the_same_pins_beside_the_first(lab, models):
     for view in (lab.view, lab.other_view):  # dragged in either, the pin is the same in both
         pull(lab, 90, [1.0, 2, 0], view=view)
         alone.set_pin(90, lab.session.pins[90])
-        np.testing.assert_allclose(face_of(lab.other_view), alone.vertices, atol=1e-4)
+        np.testing.assert_allclose(drawn(lab.other_view), alone.vertices, atol=1e-4)
     lab.beside.value = lab.beside.options[0]
     assert lab._faces.children[1].layout.visibility == "hidden"
-    assert lab.view.widget.width == lab.size[0]
+    assert lab.view._hand.size == list(lab.size)
 
 
 @pytest.mark.parametrize("other", ["holistic", "rig"])
 def test_both_views_follow_while_the_mouse_moves(lab, other):
     lab.beside.value = other
     drag(lab, 17, [2.0, 1, 3])
-    shown = [face_of(view) for view in (lab.view, lab.other_view)]
+    shown = [drawn(view) for view in (lab.view, lab.other_view)]
     let_go(lab.view)
     for before, view in zip(shown, (lab.view, lab.other_view), strict=True):
-        np.testing.assert_allclose(before, face_of(view), atol=1e-3)
+        np.testing.assert_allclose(before, drawn(view), atol=1e-3)
 
 
 def test_two_labs_of_one_session_and_a_script_stay_in_step(lab):
     twin = PosingLab(lab.session, lab.models)
     drag(lab, 17, [2.0, 1, 3])
-    np.testing.assert_allclose(face_of(twin.view), lab.session.vertices, atol=1e-4)
+    np.testing.assert_allclose(drawn(twin.view), lab.session.vertices, atol=1e-4)
     let_go(lab.view)
-    np.testing.assert_array_equal(face_of(twin.view), face_of(lab.view))
+    np.testing.assert_array_equal(drawn(twin.view), drawn(lab.view))
     assert [row["id"] for row in twin.pose.pins.items] == [17]
     twin.undo.click()
-    np.testing.assert_array_equal(face_of(lab.view), face_of(twin.view))
+    np.testing.assert_array_equal(drawn(lab.view), drawn(twin.view))
     assert lab.undo.disabled
     lab.session.drag(90, lab.session.neutral.vertices[90] + [0, 0, 4])
     lab.session.release()
     lab.session.set(beta=0.25)
     for each in (lab, twin):
-        np.testing.assert_allclose(face_of(each.view), lab.session.vertices, atol=1e-4)
+        np.testing.assert_allclose(drawn(each.view), lab.session.vertices, atol=1e-4)
         assert each.pose.beta.value == 0.25
 
 
@@ -579,7 +537,7 @@ def test_keys_do_what_the_list_says(lab):
     assert lab.model_choice.value == "holistic"
     press_key(lab, "c")
     assert lab.beside.value != lab.beside.options[0]
-    pick(lab.view, lab.view._moved, 30)
+    hover(lab.view, 30)
     press_key(lab, "h")
     assert list(lab.session.pins) == [30]
     press_key(lab, "l")
@@ -605,8 +563,8 @@ def test_escape_gives_up_a_drag(lab):
     before = lab.session.vertices
     drag(lab, 17, [2.0, 1, 3])
     press_key(lab, "Escape")
-    assert not lab.view._dragging
-    np.testing.assert_allclose(face_of(lab.view), before, atol=1e-4)
+    assert not lab.view.dragging
+    np.testing.assert_allclose(drawn(lab.view), before, atol=1e-4)
     let_go(lab.view)
     assert not lab.session.pins
 
@@ -668,17 +626,17 @@ def test_a_clip_of_two_keys_is_scrubbed_and_its_frames_can_be_posed(lab):
     posed = lab.session.vertices
     assert [row["name"] for row in lab.clip.keys.items] == ["key at 0.00 s", "key at 2.00 s"]
     lab.clip.slider.value = 25
-    np.testing.assert_allclose(face_of(lab.view), (neutral + posed) / 2, atol=1e-4)
-    assert not lab.view._marks.visible, "a frame of the clip has no pins"
+    np.testing.assert_allclose(drawn(lab.view), (neutral + posed) / 2, atol=1e-4)
+    assert lab.view._hand.pins == [], "a frame of the clip has no pins"
     drag(lab, 90, [1.0, 1, 1])  # taking hold of the frame makes it the pose
-    np.testing.assert_allclose(face_of(lab.view), lab.session.vertices, atol=1e-3)
+    np.testing.assert_allclose(drawn(lab.view), lab.session.vertices, atol=1e-3)
     let_go(lab.view)
     lab.clip.keys._handle_custom_msg({"do": "choose", "item": 0}, [])
-    np.testing.assert_allclose(face_of(lab.view), neutral, atol=1e-4)
+    np.testing.assert_allclose(drawn(lab.view), neutral, atol=1e-4)
     lab.clip.keys._handle_custom_msg({"do": "remove", "item": 0}, [])
     assert len(lab.clip.clip.times) == 1
     lab.clip.stop.click()
-    np.testing.assert_allclose(face_of(lab.view), lab.session.vertices, atol=1e-4)
+    np.testing.assert_allclose(drawn(lab.view), lab.session.vertices, atol=1e-4)
 
 
 def test_a_take_is_played_through_the_model_with_the_pose_on_top(lab):
@@ -686,15 +644,15 @@ def test_a_take_is_played_through_the_model_with_the_pose_on_top(lab):
     lab.clip.source.value = "walk"
     lab.clip.slider.value = 7
     plain = session.vertices_of(session.encode(take)[7])
-    np.testing.assert_allclose(face_of(lab.view), plain, atol=1e-4)
+    np.testing.assert_allclose(drawn(lab.view), plain, atol=1e-4)
     drag(lab, 17, [2.0, 1, 3])
     offset = session.vertices - session.neutral.vertices
-    np.testing.assert_allclose(face_of(lab.view), plain + offset, atol=1e-3)
+    np.testing.assert_allclose(drawn(lab.view), plain + offset, atol=1e-3)
     let_go(lab.view)
-    np.testing.assert_allclose(face_of(lab.view), plain + offset, atol=1e-4)
+    np.testing.assert_allclose(drawn(lab.view), plain + offset, atol=1e-4)
     lab.clip.slider.value = 12
     later = session.vertices_of(session.encode(take)[12])
-    np.testing.assert_allclose(face_of(lab.view), later + offset, atol=1e-4)
+    np.testing.assert_allclose(drawn(lab.view), later + offset, atol=1e-4)
     lab.clip.pose_it.click()
     np.testing.assert_allclose(lab.session.vertices, later + offset, atol=1e-9)
 
@@ -711,7 +669,7 @@ def test_a_pose_saved_by_name_is_loaded_in_another_lab(lab, tmp_path):
     other.files.name.value = "smirk"
     other.files.load.click()
     np.testing.assert_allclose(other.session.vertices, lab.session.vertices, atol=1e-9)
-    np.testing.assert_allclose(face_of(other.view), lab.session.vertices, atol=1e-4)
+    np.testing.assert_allclose(drawn(other.view), lab.session.vertices, atol=1e-4)
 
 
 def test_an_uploaded_pose_is_opened_and_a_damaged_one_is_refused(lab, tmp_path):
@@ -821,14 +779,3 @@ def test_a_thousand_edits_leave_no_widgets_behind(lab):
     for k in range(100):
         edit(k)
     assert len(_instances) == before
-
-
-def test_a_mouse_just_inside_the_lips_is_on_their_rim(mouth):
-    mesh, rim = mouth
-    view = FaceView(mesh)
-    first = mesh.n_vertices  # of the lining
-    for inside, vertex in ((0.2, rim[0]), (1.0, None)):
-        middle = mesh.vertices[rim].mean(axis=0)
-        point = (1 - inside) * mesh.vertices[rim[0]] + inside * middle - [0, 0, 6.0]
-        pick(view, view._moved, first, point)
-        assert view._picked(view._moved) == vertex

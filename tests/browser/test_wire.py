@@ -1,0 +1,153 @@
+"""Pulls over a slow wire end where slow pulls over a quick one end, and are drawn as soon."""
+
+import time
+
+import numpy as np
+import pytest
+from browser_lab import Lab, write_notebook
+from wire import Wire
+
+CELLS = (
+    """
+import numpy as np
+from facelab.expression.session import ExpressionSession
+from facelab.widgets import ExpressionLab, PosingLab
+lab = PosingLab.example(width=235, height=270)
+session, view = lab.session, lab.view
+lab""",
+    """
+rig = lab.models["rig"]
+small = rig.on(*session.neutral.subsample(397))
+sketch = ExpressionLab(ExpressionSession(small, small.shape([0.3] + [0] * (len(small.names) - 1))))
+sketch""",
+)
+FRESH = {
+    "region": "session.use(lab.models['region']); session.set(limit=None); session.reset()",
+    "rig": "session.use(lab.models['rig']); session.reset()",
+    "limit": "session.use(lab.models['region']); session.set(limit=1.0); session.reset()",
+    "expression": "while sketch.session.can_undo: sketch.session.undo()",
+}
+WATCH = """
+window.sent = []; window.late = [];
+const real = window.WebSocket;
+window.WebSocket = class extends real {
+  send(data) { window.sent.push(performance.now()); super.send(data); }
+};
+let moved = 0;
+window.addEventListener("pointermove", () => (moved = performance.now()), true);
+document.addEventListener("facelab-pull", ({ detail }) => {
+  if (detail.drawn && moved) window.late.push(performance.now() - moved);
+});
+"""
+DRAWN = """(k) => {
+  const { skin } = document.querySelectorAll(".facelab-face")[k].facelab;
+  return [...skin.X.slice(0, 3 * skin.n)]; }"""
+QUICK, SLOW = 0.1, 3.0
+OFFSET = np.array([22.0, -30.0])  # pixels
+
+
+class Puller:
+    """A lab behind a wire, and a hand that always makes the same pull, at any pace."""
+
+    def __init__(self, lab, wire):
+        self.lab, self.wire = lab, wire
+        self._places = {}
+
+    def _place(self, kind):
+        """Which canvas is pulled, and where, pixels of the page."""
+        expression = kind == "expression"
+        which = "sketch.sketch_view" if expression else "view"
+        canvas = self.lab.page.locator(".facelab-face canvas").nth(int(expression))
+        box = self.lab.bring_into_view(canvas)
+        vertex = (
+            "sketch.session.rig.neutral.vertices[:, 2].argmax()"
+            if expression
+            else "session.neutral.landmarks['mouth_corner_left']"
+        )
+        at = self.lab.run("", p=f"{which}.project({which}.vertices[[{vertex}]])[0].tolist()")["p"]
+        corner = np.array([box["x"], box["y"]])
+        return int(expression), corner + np.array(at) * [box["width"], box["height"]]
+
+    def _seen(self, kind, canvas):
+        """The face that the page draws, and the one that the kernel has, (n_vertices, 3)."""
+        shown = "sketch.session.sketch" if kind == "expression" else "session.vertices"
+        pose = np.array(self.lab.run("", v=f"{shown}.tolist()")["v"])
+        return np.reshape(self.lab.page.evaluate(DRAWN, canvas), (-1, 3)), pose
+
+    def pull(self, kind, seconds, delay, look=False):
+        """A pull that takes so long with the wire so slow.
+
+        With `look`, what the page draws is held against the kernel before it is let go.
+
+        Returns
+        -------
+        drawn, pose : ndarray of shape (n_vertices, 3)
+            What the page showed at the end of it, and what the kernel made of it.
+        late, sent : ndarray
+            From each move to its drawing, and when messages left the page, milliseconds.
+        """
+        self.wire.delay = 0.0
+        self.lab.run(FRESH[kind])
+        canvas, start = self._place(kind)
+        mouse, page = self.lab.page.mouse, self.lab.page
+        mouse.move(*start)
+        self.lab.settle()
+        page.wait_for_timeout(200)
+        page.evaluate("sent.length = late.length = 0")
+        self.wire.delay = delay
+        mouse.down()
+        began, steps = time.monotonic(), max(1, round(seconds / 0.06))
+        for k in range(1, steps + 1):
+            mouse.move(*(start + OFFSET * k / steps))
+            page.wait_for_timeout(max(0, 1000 * (began + seconds * k / steps - time.monotonic())))
+        if look:
+            page.wait_for_timeout(200)  # as long as the page keeps a move back
+            self.lab.settle()
+            drawn, pose = self._seen(kind, canvas)
+            assert np.abs(drawn - pose).max() < 0.005, "the page draws another face"
+        mouse.up()
+        late, sent = (np.array(page.evaluate(name)) for name in ("late", "sent"))
+        self.lab.settle()
+        return *self._seen(kind, canvas), late, sent
+
+
+@pytest.fixture(scope="module")
+def puller(server):
+    wire = Wire(server.port)
+    lab = Lab(server, port=wire.port)
+    lab.page.add_init_script(WATCH)
+    try:
+        lab.open(write_notebook(lab.folder / "source" / "wire.ipynb", CELLS))
+        yield Puller(lab, wire)
+    finally:
+        lab.close()
+        wire.close()
+
+
+def check(puller, kind, seconds, delay, slow):
+    drawn, pose, late, sent = puller.pull(kind, seconds, delay)
+    assert np.abs(slow - pose).max() < 0.01, f"{seconds} s at {delay} s one way"
+    assert np.abs(drawn - pose).max() < 0.001
+    within = [np.count_nonzero((sent >= t) & (sent < t + 1000)) for t in sent]
+    assert max(within) <= 10, "more than 10 messages a second"
+    return late
+
+
+@pytest.mark.parametrize("kind", ["region", "rig"])
+def test_a_flick_over_a_slow_wire_ends_where_a_slow_pull_ends(puller, kind):
+    _, slow, _, _ = puller.pull(kind, 0.6, 0.0, look=True)
+    rest = np.array(puller.lab.run("", v="session.neutral.vertices.tolist()")["v"])
+    assert np.abs(slow - rest).max() > 3
+    check(puller, kind, QUICK, 0.2, slow)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", FRESH)
+def test_pulls_of_any_pace_over_any_wire_end_alike_and_are_drawn_as_soon(puller, kind):
+    _, slow, late, _ = puller.pull(kind, SLOW, 0.0, look=True)
+    soon = np.median(late)
+    for delay in (0.0, 0.1, 0.2):
+        for seconds in (QUICK, 0.3, 1.0, SLOW):
+            late = check(puller, kind, seconds, delay, slow)
+            if seconds == SLOW:
+                assert abs(np.median(late) - soon) < 20, "a slow wire delays the drawing"
