@@ -29,13 +29,14 @@ class Panel:
         self.lab.fail(error)
 
 
+_PARAMETERS = {"beta": "Regions agree (β)", "gamma": "Stay close (γ)", "lam": "λ", "alpha": "α"}
+
+
 class Lab(Page):
     """One base for both labs: a page of a face, or two, and of panels in tabs beside them.
 
     A lab has a `session` with a history, and says in `step_words(before, after)` what a step did.
     """
-
-    _parameters = {"vertex": "the point", "beta": "Regions agree (β)", "gamma": "Stay close (γ)"}
 
     def _begin(self):
         """What stays when the face is another one: the page itself."""
@@ -87,7 +88,7 @@ class Lab(Page):
         name, value = found.groups()
         if name == "vertex" and value.isdigit() and int(value) < self.mesh.n_vertices:
             return self.name_of(int(value))
-        return f"{self._parameters.get(name, name.replace('_', ' '))} {value}"
+        return f"{_PARAMETERS.get(name, name.replace('_', ' '))} {value}"
 
 
 class StepPanel(Panel):

@@ -98,7 +98,7 @@ class PinPanel(Panel):
         return {
             "id": int(vertex),
             "name": name,
-            "note": f"{gap:.1f} mm short" if gap >= 0.05 else "",
+            "note": f"{gap:.1f} mm" if gap >= 0.05 else "",
             "tip": f"{name} (vertex {vertex}): stops {gap:.2f} mm short of its target. "
             "Click to name it and to type its target",
             "buttons": buttons,

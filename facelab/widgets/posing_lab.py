@@ -14,8 +14,8 @@ from facelab.models.region import RegionModel
 from facelab.plotting import region_colors
 from facelab.posing.session import PosingSession
 from facelab.segmentation.segment import segment_face
-from facelab.widgets.own_face import own_face
 from facelab.widgets.lab import Lab, button, row
+from facelab.widgets.own_face import own_face
 from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.posing_clips import ClipPanel
 from facelab.widgets.posing_files import FilePanel

@@ -111,6 +111,7 @@ class ShapePanel(Panel):
         self._title = widgets.HTML()
         self.sliders = []
         self._box = widgets.VBox()
+        self._box.add_class("facelab-sliders")
         head = row(self._title, self.sorted, self.mold, self.neutral)
         self.widget = widgets.VBox([self.regions, head, self._box])
         self.mold.observe(self._relax, names="value")
@@ -162,6 +163,8 @@ class ShapePanel(Panel):
                 tip = f"{name}: {does}, {self._reach[k]:.1f} mm".replace(": ,", ":")
                 if shares is not None:
                     tip += f" for one standard deviation; {shares[k]:.0%} of the region's motion"
+                    side = self._names[region].split(" ")[-1]  # said by the region's own name
+                    does = " ".join(w for w in does.split(" ") if w != side)
                     name = f"{does or name}, {100 * shares[k]:.0f} %"
                 said.append((name, tip))
             self._said[region] = said, self._reach

@@ -393,9 +393,9 @@ def test_each_pin_has_a_row_whose_buttons_weight_lock_mirror_and_remove_it(lab):
     for vertex in (17, 90):
         pull(lab, vertex, [1.0, 1, 1])
     first, second = lab.pose.pins.items
-    assert (first["id"], second["id"]) == (17, 90) and "short" in first["note"]
+    assert (first["id"], second["id"]) == (17, 90) and "short of its target" in first["tip"]
     short = np.linalg.norm(session.pins[17] - session.vertices[17])
-    assert first["note"] == f"{short:.1f} mm short"
+    assert first["note"] == f"{short:.1f} mm"
     on_row(lab, "weight", 17)
     assert session.pin_weights[17] == 10
     on_row(lab, "weight", 17)
