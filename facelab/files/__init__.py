@@ -8,7 +8,15 @@ from facelab.files.meshes import read_mesh, read_parts
 from facelab.files.npz import npz_kind, read_face, read_motion, write_face, write_motion
 from facelab.files.obj import read_obj, write_obj
 from facelab.files.ply import write_ply
-from facelab.files.poses import load_clip, load_pose, read_log, save_clip, save_pose
+from facelab.files.poses import (
+    load_clip,
+    load_library,
+    load_pose,
+    read_log,
+    save_clip,
+    save_library,
+    save_pose,
+)
 from facelab.files.rigs import read_rig, write_rig
 from facelab.files.takes import (
     read_live_link_csv,
@@ -20,6 +28,7 @@ from facelab.files.takes import (
 
 __all__ = [
     "load_clip",
+    "load_library",
     "load_pose",
     "npz_kind",
     "read_c3d",
@@ -35,6 +44,7 @@ __all__ = [
     "read_rig",
     "read_weights",
     "save_clip",
+    "save_library",
     "save_pose",
     "to_arkit",
     "write_c3d",

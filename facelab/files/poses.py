@@ -22,6 +22,7 @@ _HEAD = "format", "version", "mesh"
 _CONTENT = {
     "pose": ("name", "state", "log"),
     "clip": ("model", "times", "poses", "easing", "names"),
+    "library": ("poses",),
 }
 
 
@@ -83,6 +84,63 @@ def read_log(path):
         log = entry(stored, "log", list)
         check_log(log, PosingSession)
     return log
+
+
+def save_library(path, poses, session):
+    """Write named poses of a face, in their order, to one JSON file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Ending in .json.
+    poses : dict of str to PoseState
+        Of any models of the session's face.
+    session : PosingSession
+    """
+    stored = [{"name": str(name), "state": state_to_dict(s)} for name, s in poses.items()]
+    _write(path, "library", session, {"poses": stored})
+
+
+def load_library(path, session, models=()):
+    """The named poses of a file.
+
+    Parameters
+    ----------
+    path : str or Path
+    session : PosingSession
+        Of the same face.
+    models : iterable of models or dict of str to model, optional
+        To look for the models of the poses in, beside the session's own.
+
+    Returns
+    -------
+    poses : dict of str to PoseState
+        In their order.
+    others : list of str
+        Names of poses that were made with a model that is not at hand.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        For a missing, damaged or newer file, or one of another face.
+    """
+    poses, others = {}, []
+    with _read(path, "library", session) as stored:
+        for item in entry(stored, "poses", list):
+            name = entry(item, "name", str)
+            check_entries(item, ("name", "state"))
+            if name in poses or name in others:
+                raise ValueError(f"pose {name!r} is there twice")
+            made_by = entry(entry(item, "state", dict), "model", dict)
+            given = models.values() if isinstance(models, dict) else models
+            known = [fingerprint(model) for model in dict.fromkeys((*session.models, *given))]
+            if all(differs(made_by, own) for own in known):
+                others.append(name)
+                continue
+            state = state_from_dict(item["state"], session, models)
+            session.check_state(state)
+            poses[name] = state
+    return poses, others
 
 
 def _write(path, kind, session, content):

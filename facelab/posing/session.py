@@ -412,6 +412,10 @@ class PosingSession(PinEdits, Molding):
         self._face.check_state(state)
         return state
 
+    def check_state(self, state):
+        """Refuse what `restore` would."""
+        self._face.check_state(state)
+
     @edit
     def mirror(self):
         """The whole pose, left for right, as well as the model can; pins are taken away.

@@ -79,7 +79,6 @@ class LandmarkPicker(Page):
         self.name = widgets.Text(value="landmarks", layout={"width": "150px"})
         self.save = widgets.Button(description="Save", layout={"width": "72px"})
         self._verdict, self._result = widgets.HTML(), widgets.HTML()
-        self._width = f"{width}px"
         self._build_messages()
         self.undo.on_click(self._undo)
         self.save.on_click(self._save)

@@ -66,11 +66,11 @@ class Page:
     """
 
     _after_error = "The face is as it was."
+    _ours = (ValueError, TypeError, OSError)  # what is told in words of a person's own doing
     settling = False
-    _width = None
 
     def _build_messages(self):
-        self._status = widgets.HTML(layout={"width": self._width})
+        self._status = widgets.HTML()
         self._message = widgets.HTML()
 
     def _repr_mimebundle_(self, **kwargs):
@@ -78,20 +78,27 @@ class Page:
 
     def say(self, text):
         """Show what is going on: a text, escaped, or `markup`."""
-        said = markup('<div style="color:#555;line-height:1.35;max-width:60em">{}</div>', text)
+        said = markup('<div class="facelab-status" role="status">{}</div>', text)
         if self._status.value != said:
             self._status.value = said
 
     def fail(self, error):
         """Show an error: what happened, where, and in words what is shown now."""
-        frames = traceback.extract_tb(error.__traceback__)
-        where = f"{frames[-1].name}, line {frames[-1].lineno}" if frames else ""
+        where = ""
+        if not isinstance(error, self._ours):
+            frames = traceback.extract_tb(error.__traceback__)
+            where = f"{type(error).__name__}: a fault of facelab"
+            where += f", in {frames[-1].name}, line {frames[-1].lineno}." if frames else "."
         self._message.value = markup(
-            '<div style="border-left:4px solid #b00020;padding:4px 8px;background:#fdecee;'
-            'color:#5f0011;line-height:1.35"><b>That did not work.</b> {}<br>{}: {}<br>'
-            "<small>{}</small></div>",
-            *(self._after_error, type(error).__name__, error, where),
+            '<div class="facelab-error" role="alert"><b>That did not work.</b> '
+            '<span class="facelab-said">{}</span><br>{}'
+            "<br><small>{}</small></div>",
+            *(self.in_words(error), self._after_error, where),
         )
+
+    def in_words(self, error):
+        """What an error says, in words for the page."""
+        return str(error)
 
     def clear(self):
         """Take away what the last error said."""
@@ -137,5 +144,5 @@ def written(path, note=""):
             ' <a download="{}" href="data:application/octet-stream;base64,{}"><u>Download</u></a>',
             *(path.name, base64.b64encode(path.read_bytes()).decode()),
         )
-    text = '<div style="line-height:1.4">Wrote <b>{}</b>, {:,.0f} kB. {}{}</div>'
+    text = '<div class="facelab-status" role="status">Wrote <b>{}</b>, {:,.0f} kB. {}{}</div>'
     return markup(text, str(path), size / 1e3, note, link)

@@ -1,6 +1,8 @@
-// Small parts that ipywidgets lacks: keys under the mouse, and lists with pictures and buttons.
+// Small parts that ipywidgets lacks: keys under the mouse, lists with pictures and buttons, and a
+// line of time with keys to drag.
 
 const EDITABLE = "input, textarea, select, [contenteditable=true], .cm-editor";
+const OWN_KEYS = [" ", "Enter", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
 
 // Keys go to the lab that the mouse is over, unless a text is being edited; JupyterLab's own
 // shortcuts would else cut and delete cells.
@@ -16,6 +18,10 @@ function keys({ model, el }) {
     if (listen.signal.aborted) return;
     root = el.closest("." + model.get("root"));
     if (!root) return requestAnimationFrame(attach);
+    speak();
+    watch.observe(root, { subtree: true, childList: true, attributes: true, attributeFilter: ["class"] });
+    on(root, "focusin", () => (over = true));
+    on(root, "focusout", (event) => (over = root.contains(event.relatedTarget) || root.matches(":hover")));
     on(root, "pointerenter", () => (over = true));
     on(root, "pointerleave", () => (over = false));
     on(root, "pointerdown", (event) => {
@@ -27,8 +33,24 @@ function keys({ model, el }) {
   };
   attach();
 
+  // What ipywidgets leaves unsaid for those who hear the page: what a slider is, what is pressed.
+  const speak = () => {
+    for (const box of root?.querySelectorAll(".widget-inline-hbox") ?? []) {
+      const name = box.querySelector(".widget-label")?.textContent;
+      for (const handle of name ? box.querySelectorAll(".noUi-handle, input, select") : [])
+        if (handle.getAttribute("aria-label") !== name) handle.setAttribute("aria-label", name);
+    }
+    for (const button of root?.querySelectorAll(".widget-toggle-button") ?? []) {
+      const pressed = String(button.classList.contains("mod-active"));
+      if (button.getAttribute("aria-pressed") !== pressed) button.setAttribute("aria-pressed", pressed);
+    }
+  };
+  const watch = new MutationObserver(speak);
+
   on(window, "keydown", (event) => {
     const typing = event.target.closest?.(EDITABLE);
+    // a button or a slider that has the focus keeps the keys that work it
+    if (root?.contains(document.activeElement) && OWN_KEYS.includes(event.key)) return;
     if (!over || !root?.isConnected || typing || event.metaKey || event.altKey) return;
     let key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (key === " ") key = "Space";
@@ -39,7 +61,7 @@ function keys({ model, el }) {
     event.stopImmediatePropagation();
     model.send({ key });
   }, true);
-  return () => listen.abort();
+  return () => { listen.abort(); watch.disconnect(); };
 }
 
 function element(name, className, text = "") {
@@ -54,10 +76,24 @@ function element(name, className, text = "") {
 function list({ model, el }) {
   const draw = () => {
     const items = model.get("items");
+    const focused = el.contains(document.activeElement) ? document.activeElement : null;
+    const place = [focused?.closest(".facelab-item")?.dataset.id, null, focused?.dataset.do];
     const rows = items.map((item, index) => {
       const row = element("div", "facelab-item");
       row.classList.toggle("facelab-chosen", index === model.get("chosen"));
       row.title = item.tip ?? "";
+      if (choosable) {
+        row.tabIndex = 0;
+        row.dataset.id = item.id;
+        row.setAttribute("role", "option");
+        row.setAttribute("aria-selected", String(index === model.get("chosen")));
+        row.setAttribute("aria-label", [item.name, item.note].filter(Boolean).join(", "));
+        row.addEventListener("keydown", (event) => {
+          if (event.target !== row || !["Enter", " "].includes(event.key)) return;
+          event.preventDefault();
+          model.send({ do: "choose", item: item.id });
+        });
+      }
       if (item.color) {
         const swatch = element("span", "facelab-swatch");
         swatch.style.background = item.color;
@@ -82,7 +118,9 @@ function list({ model, el }) {
       for (const [name, sign, tip, pressed] of item.buttons ?? []) {
         const button = element("button", "facelab-button", sign);
         button.title = tip;
+        button.dataset.do = name;
         button.setAttribute("aria-label", tip);
+        button.setAttribute("aria-pressed", String(Boolean(pressed)));
         button.classList.toggle("facelab-pressed", Boolean(pressed));
         button.addEventListener("click", (event) => {
           event.stopPropagation();
@@ -94,10 +132,15 @@ function list({ model, el }) {
       return row;
     });
     el.replaceChildren(...rows);
+    const again = focused && rows.find((row) => row.dataset.id === place[0]);  // keep the focus
+    if (again) ([...again.querySelectorAll("button")].find((b) => b.dataset.do === place[2]) ?? again).focus();
     if (!items.length && model.get("empty"))
       el.replaceChildren(element("span", "facelab-note", model.get("empty")));
   };
+  const choosable = model.get("shape") !== "rows";
   el.classList.add("facelab-list", "facelab-" + model.get("shape"));
+  el.setAttribute("role", choosable ? "listbox" : "group");
+  el.setAttribute("aria-label", model.get("label"));
   draw();
   model.on("change:items", draw);
   model.on("change:chosen", draw);
@@ -107,4 +150,66 @@ function list({ model, el }) {
   };
 }
 
-export default { render: (context) => (context.model.get("kind") === "keys" ? keys : list)(context) };
+// Key poses on a line of time. A key is dragged, or moved by the arrow keys; a click chooses it.
+function track({ model, el }) {
+  el.classList.add("facelab-track");
+  const line = element("div", "facelab-track-line");
+  const now = element("div", "facelab-track-now");
+  el.append(line);
+  const place = (t) => `${(100 * Math.min(t / model.get("length"), 1)).toFixed(3)}%`;
+  const steady = (t) => Math.min(Math.max(Math.round(25 * t) / 25, 0), model.get("length"));
+  let held = null;
+  const draw = () => {
+    if (held) return;
+    const focused = [...line.children].indexOf(document.activeElement);
+    const keys = model.get("times").map((time, item) => {
+      const key = element("button", "facelab-track-key");
+      key.style.left = place(time);
+      key.title = `Key at ${time.toFixed(2)} s: drag it, or press the arrows`;
+      key.setAttribute("aria-label", `key at ${time.toFixed(2)} s`);
+      let to = time;
+      const at = (event) => {
+        const box = line.getBoundingClientRect();
+        return steady(((event.clientX - box.left) / box.width) * model.get("length"));
+      };
+      key.addEventListener("pointerdown", (event) => {
+        held = key;
+        key.setPointerCapture(event.pointerId);
+      });
+      key.addEventListener("pointermove", (event) => {
+        if (held !== key) return;
+        to = at(event);
+        key.style.left = place(to);
+      });
+      key.addEventListener("lostpointercapture", () => {
+        held = null;
+        model.send({ do: to === time ? "choose" : "move", item, to });
+        if (to !== time) draw();
+      });
+      key.addEventListener("keydown", (event) => {
+        const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+        if (event.key === "Enter") model.send({ do: "choose", item, to: time });
+        if (!step) return;
+        event.preventDefault();
+        model.send({ do: "move", item, to: steady(time + step / 25) });
+      });
+      return key;
+    });
+    now.style.left = place(model.get("now"));
+    line.replaceChildren(...keys, now);
+    keys[focused]?.focus();
+  };
+  const stand = () => (now.style.left = place(model.get("now")));
+  draw();
+  model.on("change:times", draw);
+  model.on("change:length", draw);
+  model.on("change:now", stand);
+  return () => {
+    model.off("change:times", draw);
+    model.off("change:length", draw);
+    model.off("change:now", stand);
+  };
+}
+
+const KINDS = { keys, list, track };
+export default { render: (context) => KINDS[context.model.get("kind")](context) };

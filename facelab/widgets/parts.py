@@ -23,7 +23,10 @@ class Part(anywidget.AnyWidget):
 
 
 class Keys(Part):
-    """Hears keys while the mouse is over the lab, and when the mouse goes down beside a canvas.
+    """Hears keys while the mouse or the focus is in the lab, and when the mouse goes down there.
+
+    It also gives names to sliders, and to buttons whether they are pressed, for those who hear the
+    page.
 
     Parameters
     ----------
@@ -59,6 +62,8 @@ class ItemList(Part):
         Called with ("choose" or the name of a button, id of the item).
     empty : str
         What to show for no items.
+    label : str
+        What the list holds, for those who hear the page.
 
     Attributes
     ----------
@@ -71,9 +76,35 @@ class ItemList(Part):
 
     shape = traitlets.Unicode().tag(sync=True)
     empty = traitlets.Unicode().tag(sync=True)
+    label = traitlets.Unicode().tag(sync=True)
     items = traitlets.List().tag(sync=True)
     chosen = traitlets.Int(-1).tag(sync=True)
 
-    def __init__(self, shape, react, empty=""):
-        super().__init__(kind="list", shape=shape, empty=empty)
+    def __init__(self, shape, react, empty="", label=""):
+        super().__init__(kind="list", shape=shape, empty=empty, label=label)
         self.on_msg(lambda _, message, __: react(message["do"], message["item"]))
+
+
+class Track(Part):
+    """Key poses on a line of time: they can be dragged, and moved by the arrow keys.
+
+    Parameters
+    ----------
+    react : callable
+        Called with ("move", place of the key, seconds) or ("choose", place, seconds).
+
+    Attributes
+    ----------
+    times : list of float
+        Of the keys, seconds.
+    length, now : float
+        Seconds of the whole line, and where it stands.
+    """
+
+    times = traitlets.List().tag(sync=True)
+    length = traitlets.Float(1.0).tag(sync=True)
+    now = traitlets.Float(0.0).tag(sync=True)
+
+    def __init__(self, react):
+        super().__init__(kind="track")
+        self.on_msg(lambda _, message, __: react(message["do"], message["item"], message["to"]))

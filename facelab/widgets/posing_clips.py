@@ -4,9 +4,9 @@ import ipywidgets as widgets
 import numpy as np
 
 from facelab.posing.clips import Clip
+from facelab.widgets.lab import WIDTH, Panel, button, row
 from facelab.widgets.page import quiet, shows_errors
-from facelab.widgets.parts import ItemList
-from facelab.widgets.posing_panels import WIDTH, Panel
+from facelab.widgets.parts import ItemList, Track
 
 _FPS = 25  # no more frames than this are sent to the page
 _KEYS = "key poses"
@@ -33,30 +33,35 @@ class ClipPanel(Panel):
             options=[_KEYS, *self.lab.takes], description="show", layout={"width": WIDTH}
         )
         self.play = widgets.Play(interval=1000 // _FPS, max=3 * _FPS)
-        self.slider = widgets.IntSlider(max=3 * _FPS, readout=False, layout={"width": "130px"})
+        self.slider = widgets.IntSlider(max=3 * _FPS, readout=False, layout={"width": "40%"})
         self._link = widgets.jslink((self.play, "value"), (self.slider, "value"))
         self._time = widgets.Label(layout={"width": "52px"})
-        self.key = _button("Key here", "Make the pose a key at this moment")
+        self.track = Track(self._on_track)
+        self.key = button("Key here", "Make the pose a key at this moment", self._press)
         self.length = widgets.BoundedFloatText(
-            3, min=0.2, max=600, step=0.5, description="seconds", layout={"width": "130px"}
+            3, min=0.2, max=600, step=0.5, description="seconds", layout={"width": "38%"}
         )
         self.easing = widgets.Dropdown(
             options=["smooth", "linear"], layout={"width": "90px"}, tooltip="Between the keys"
         )
-        self.keys = ItemList("choice", self._react, empty="Pose the face, then press 'Key here'.")
+        empty = "Pose the face, then press 'Key here'."
+        self.keys = ItemList("choice", self._react, empty, label="Key poses")
+        self.keys.layout.max_height = "110px"
         self._key_box = widgets.VBox(
-            [widgets.HBox([self.key, self.length, self.easing]), self.keys]
+            [self.track, row(self.key, self.length, self.easing), self.keys]
         )
-        self.pose_it = _button("Pose this frame", "Make the frame on the slider the pose")
-        self.stop = _button("Back to the pose", "Show the pose again")
+        self.pose_it = button(
+            "Pose this frame", "Make the frame on the slider the pose", self._press
+        )
+        self.stop = button("Back to the pose", "Show the pose again", self._press)
         self._about = widgets.HTML()
         self.source.style.description_width = self.length.style.description_width = "56px"
         self.widget = widgets.VBox(
             [
                 self.source,
                 widgets.HBox([self.play, self.slider, self._time]),
-                widgets.HBox([self.pose_it, self.stop]),
                 self._key_box,
+                row(self.pose_it, self.stop),
                 self._about,
             ]
         )
@@ -64,8 +69,6 @@ class ClipPanel(Panel):
         self.source.observe(self._choose, names="value")
         self.length.observe(self._choose, names="value")
         self.easing.observe(self._ease, names="value")
-        for button in (self.key, self.pose_it, self.stop):
-            button.on_click(self._press)
 
     @property
     def over_pose(self):
@@ -96,12 +99,14 @@ class ClipPanel(Panel):
         ]
         near = [i for i, t in enumerate(times) if abs(t - self.seconds) < 0.5 / _FPS]
         self.keys.chosen = near[0] if near else -1
+        self.track.times, self.track.length = list(map(float, times)), self.length.value
+        self.track.now = self.seconds
         self._key_box.layout.display = "flex" if self.source.value == _KEYS else "none"
         self._about.value = (
             ""
             if self.source.value == _KEYS
             else (
-                '<div style="color:#666;line-height:1.3">The model plays the take, and the pose is '
+                '<div class="facelab-status">The model plays the take, and the pose is '
                 "added to every frame: drag the face to edit all of it.</div>"
             )
         )
@@ -216,13 +221,21 @@ class ClipPanel(Panel):
         self.set_clip(clip)
 
     @shows_errors
+    def _on_track(self, do, i, seconds):
+        if do == "choose":
+            self.slider.value = round(float(self.clip.times[i]) * _FPS)
+            return
+        taken = np.flatnonzero(np.abs(self.clip.times - seconds) < 0.5 / _FPS)
+        if taken.size and taken[0] != i:
+            self.refresh()
+            raise ValueError(f"there is a key at {seconds:.2f} s already; drag it elsewhere.")
+        self.set_clip(self.clip.moved_key(i, seconds), self.model)
+        self.slider.value = round(seconds * _FPS)
+
+    @shows_errors
     def _react(self, do, i):
         if do == "choose":
             self.slider.value = round(float(self.clip.times[i]) * _FPS)
         else:
             left = len(self.clip.times) - 1
             self.set_clip(self.clip.without_key(i) if left else None, self.model)
-
-
-def _button(text, tip):
-    return widgets.Button(description=text, tooltip=tip, layout={"width": "auto"})

@@ -1,6 +1,6 @@
-"""Poses to keep in the posing lab: a strip of pictures, and files."""
+"""Poses, clips and meshes of the posing lab as files."""
 
-import base64
+import warnings
 from pathlib import Path
 
 import ipywidgets as widgets
@@ -9,101 +9,15 @@ from facelab.files.gltf import write_clip_glb, write_glb
 from facelab.files.obj import write_obj
 from facelab.files.ply import write_ply
 from facelab.files.poses import load_clip, load_pose, save_clip, save_pose
-from facelab.posing.clips import interpolate
-from facelab.widgets.page import markup, path_in, quiet, shows_errors, uploaded, written
-from facelab.widgets.parts import ItemList
+from facelab.files.takes import write_live_link_csv
+from facelab.motion import WeightSequence
+from facelab.rig import BlendshapeRig
+from facelab.widgets.lab import WIDTH, Panel, row
+from facelab.widgets.page import markup, path_in, shows_errors, uploaded, written
 from facelab.widgets.posing_clips import OTHER_MODEL
-from facelab.widgets.posing_panels import WIDTH, Panel
+from facelab.widgets.posing_library import ENDING
 
-_STEP = 0.01
-
-
-class StripPanel(Panel):
-    """Poses as pictures; between two of them one can blend.
-
-    Attributes
-    ----------
-    poses : dict of str to PoseState
-        By name, in the order of the strip.
-    """
-
-    def _build(self):
-        self.poses, self._pictures = {}, {}
-        self.strip = ItemList("strip", self._react)
-        self.name = widgets.Text(placeholder="name", layout={"width": "150px"})
-        self.keep = widgets.Button(
-            description="Add this pose",
-            tooltip="Add the pose to the strip",
-            layout={"width": "auto"},
-        )
-        self.a, self.b = (
-            widgets.Dropdown(description=text, layout={"width": "164px"}) for text in ("from", "to")
-        )
-        self.share = widgets.FloatSlider(
-            min=0, max=1, step=_STEP, description="blend", layout={"width": WIDTH}
-        )
-        for control in (self.a, self.b, self.share):
-            control.style.description_width = "40px"
-        self.widget = widgets.VBox(
-            [
-                widgets.HBox([self.name, self.keep]),
-                self.strip,
-                widgets.HBox([self.a, self.b]),
-                self.share,
-            ]
-        )
-        self.add("neutral")
-        self.keep.on_click(lambda _: self._keep())
-        self.share.observe(self._blend, names="value")
-
-    def add(self, name=""):
-        """Add the pose on screen to the strip; one of the same name is replaced."""
-        name = name or self._free_name()
-        self.poses[name] = self.session.state
-        picture = self.lab.thumbnails.png(self.session.vertices)
-        self._pictures[name] = base64.b64encode(picture).decode()
-        self._draw()
-
-    def _free_name(self):
-        return next(
-            f"pose {k}" for k in range(1, len(self.poses) + 2) if f"pose {k}" not in self.poses
-        )
-
-    def _draw(self):
-        remove = [["remove", "✕", "Take it off the strip", False]]
-        self.strip.items = [
-            {"id": name, "name": name, "tip": name, "picture": picture, "buttons": remove}
-            for name, picture in self._pictures.items()
-        ]
-        with quiet(self):
-            for choice in (self.a, self.b):
-                before = choice.value
-                choice.options = list(self.poses)
-                choice.value = before if before in self.poses else next(iter(self.poses), None)
-
-    @shows_errors
-    def _keep(self):
-        self.add(self.name.value.strip())
-        self.name.value = ""
-
-    @shows_errors
-    def _react(self, do, name):
-        if do == "choose":
-            self.session.restore(self.poses[name])
-        else:
-            del self.poses[name], self._pictures[name]
-            self._draw()
-
-    @shows_errors
-    def _blend(self, change):
-        if self.settling:
-            return
-        if not self.poses:
-            raise ValueError("the strip is empty; add the poses to blend first.")
-        a, b = self.poses[self.a.value], self.poses[self.b.value]
-        with self.session.group("blend"):
-            self.session.use(a.model)
-            self.session.apply(interpolate(a, b, change["new"]))
+_FPS = 30.0  # of a clip as weights
 
 
 class FilePanel(Panel):
@@ -127,20 +41,24 @@ class FilePanel(Panel):
             tooltip="Pose your own head: a GLB, VRM or glTF with shapes",
             layout={"width": "auto"},
         )
+        self.live_link, self.clip_live_link = self._button("Live Link"), self._button("Live Link")
+        for each in (self.live_link, self.clip_live_link):
+            each.layout.width = "82px"
+            each.tooltip = "The rig's weights under ARKit's names, as Live Link Face records them"
         rows = {
-            "pose": [self.save, self.load],
+            "pose": [self.save, self.load, self.live_link],
             "mesh": [self.obj, self.ply, self.glb],
-            "clip": [self.save_clip, self.load_clip, self.clip_glb],
+            "clip": [self.save_clip, self.load_clip, self.clip_glb, self.clip_live_link],
         }
         self._result = widgets.HTML()
         self.widget = widgets.VBox(
             [
                 self.name,
                 *(
-                    widgets.HBox([widgets.Label(text, layout={"width": "56px"}), *buttons])
+                    row(widgets.Label(text, layout={"width": "40px"}), *buttons)
                     for text, buttons in rows.items()
                 ),
-                widgets.HBox([self.upload, self.open_rig]),
+                row(self.upload, self.open_rig),
                 self._result,
             ]
         )
@@ -149,13 +67,13 @@ class FilePanel(Panel):
         self._list_files()
 
     def _button(self, text):
-        button = widgets.Button(description=text, layout={"width": "72px"})
+        button = widgets.Button(description=text, layout={"width": "62px"})
         button.on_click(self._press)
         return button
 
     def _list_files(self):
         found = [p.name for p in Path(self.lab.folder).glob("*.json")]
-        shown = [name for name in found if not name.startswith(".")]  # the rest is unfinished
+        shown = [n for n in found if not n.startswith(".") and not n.endswith(ENDING)]
         names = {name.removesuffix(".json").removesuffix(".clip") for name in shown}
         self.name.options = sorted(names)[:200]
 
@@ -173,12 +91,16 @@ class FilePanel(Panel):
             self.glb: (".glb", lambda path: write_glb(path, posed)),
             self.save_clip: (".clip.json", lambda path: save_clip(path, self._clip(), session)),
             self.clip_glb: (".clip.glb", lambda path: write_clip_glb(path, self._clip(), session)),
+            self.live_link: (".livelink.csv", lambda path: self._weights(path, clip=False)),
+            self.clip_live_link: (".livelink.csv", lambda path: self._weights(path, clip=True)),
         }
         if button in write:
             ending, do = write[button]
             path = self._path(ending)
-            do(path)
-            self._result.value = written(path)
+            with warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always")
+                do(path)
+            self._result.value = written(path, " ".join(str(w.message) for w in said))
             self._list_files()
         elif button is self.load:
             path = self._path(".json")
@@ -188,6 +110,14 @@ class FilePanel(Panel):
             path = self._path(".clip.json")
             clip.set_clip(load_clip(path, session))
             self._result.value = markup("Loaded <b>{}</b>: see the tab Clip.", path.name)
+
+    def _weights(self, path, clip):
+        """Write the weights of the pose, or of the clip, as Live Link Face records them."""
+        session = self.session
+        if not isinstance(session.model, BlendshapeRig):
+            raise ValueError("only a rig has weights; choose the rig among the models above first.")
+        weights = self._clip().sample(_FPS)[1] if clip else session.coefficients[None]
+        write_live_link_csv(path, WeightSequence(weights, session.model.names, _FPS))
 
     def _clip(self):
         if self.lab.clip.clip is None:

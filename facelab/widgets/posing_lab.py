@@ -15,17 +15,18 @@ from facelab.models.region import RegionModel
 from facelab.plotting import region_colors
 from facelab.posing.session import PosingSession
 from facelab.segmentation.segment import segment_face
+from facelab.widgets.lab import Lab, button, row
 from facelab.widgets.own_face import own_face
-from facelab.widgets.page import Page, markup, quiet, shows_errors
-from facelab.widgets.parts import ROOT, Keys
+from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.posing_clips import ClipPanel
-from facelab.widgets.posing_files import FilePanel, StripPanel
+from facelab.widgets.posing_files import FilePanel
+from facelab.widgets.posing_library import StripPanel
 from facelab.widgets.posing_panels import PosePanel, ShapePanel, shade
+from facelab.widgets.step_words import pose_step
 from facelab.widgets.thumbnail import Thumbnails
 from facelab.widgets.viewer import FaceView
 
 _LOCKED, _FREE = (0.80, 0.25, 0.15), (1.0, 0.85, 0.0)
-_NEARBY = 6.0  # mm: a vertex is named by a landmark as near as this
 _SIDE_BY_SIDE = 0.62  # of the size of a single view
 _GAP_SHOWN, _DISTANCE_SHOWN = 1.0, 4.0  # mm, and typical distances: where the colours end
 _HINT = "Drag: pose. Beside the face: turn. Shift: along the normal. Alt: past a pin."
@@ -38,7 +39,7 @@ _PAINTS = {
 }
 
 
-class PosingLab(Page):
+class PosingLab(Lab):
     """A page in which a face is posed by click and drag.
 
     Parameters
@@ -71,22 +72,9 @@ class PosingLab(Page):
     def __init__(
         self, session, models=None, props=(), takes=None, width=470, height=540, folder="."
     ):
-        if not isinstance(session, PosingSession):
-            raise TypeError(f"session is a {type(session).__name__}, but must be a PosingSession.")
-        self.session = session
-        self.models = dict(models or {"model": session.model})
-        if not any(model is session.model for model in self.models.values()):
-            raise ValueError("models does not hold the session's own model; add it under a name.")
-        self.props, self.takes, self.folder = list(props), dict(takes or {}), folder
-        self.size, self.about = (width, height), ""
-        self.thumbnails = Thumbnails(session.neutral, self.props)
-        self.view = self._new_view(width, height)
-        self.other_view = None  # of the model beside it, made when it is first wanted
-        self.frame = None  # a callable that gives vertices to show in place of the session's
-        self._held = self._hovered = None
-        self._build()
-        session.observe(self._follow)
-        self.refresh()
+        self.folder, self.size = folder, (width, height)
+        self._begin()
+        self.take_up(session, models, props, takes)
 
     @classmethod
     def example(cls, n_components=20, n_regions=9, **kwargs):
@@ -160,12 +148,40 @@ class PosingLab(Page):
         """Show and pose another rig in this page, as `open` makes one."""
         rig = read_rig(rig) if isinstance(rig, (str, Path)) else rig
         arguments, about = own_face(rig, take)
-        page, (width, height), folder = self.widget, self.size, self.folder
-        self.session.history.unobserve(self._follow)
-        self.__init__(**arguments, width=width, height=height, folder=folder)
-        page.children, self.widget = self.widget.children, page
+        self.take_up(**arguments)
         self.about = about
         self.say(about)
+
+    def take_up(self, session, models=None, props=(), takes=None):
+        """Show and pose what another session has, in this page; arguments as of the lab."""
+        if not isinstance(session, PosingSession):
+            raise TypeError(f"session is a {type(session).__name__}, but must be a PosingSession.")
+        models = dict(models or {"model": session.model})
+        if not any(model is session.model for model in models.values()):
+            raise ValueError("models does not hold the session's own model; add it under a name.")
+        if hasattr(self, "session"):
+            self.session.history.unobserve(self._follow)
+            del self.places
+        self.session, self.models = session, models
+        self.props, self.takes, self.about = list(props), dict(takes or {}), ""
+        self.thumbnails = Thumbnails(session.neutral, self.props)
+        self.view = self._new_view(*self.size)
+        self.other_view = None  # of the model beside it, made when it is first wanted
+        self.frame = None  # a callable that gives vertices to show in place of the session's
+        self._held = self._hovered = None
+        self._build()
+        session.observe(self._follow)
+        self.refresh()
+
+    @property
+    def mesh(self):
+        """The face at rest."""
+        return self.session.neutral
+
+    @property
+    def pinned(self):
+        """The session that has the pins."""
+        return self.session
 
     # --- the page ---------------------------------------------------------------------------------
 
@@ -189,61 +205,41 @@ class PosingLab(Page):
         self.model_choice = widgets.ToggleButtons(
             options=list(self.models), value=self._model_name(), style={"button_width": "auto"}
         )
-        self.beside = widgets.Dropdown(options=[_NOTHING], description="compare", layout=_half())
-        self.paint = widgets.Dropdown(
-            options=_PAINTS, value="skin", description="colour", layout=_half()
-        )
-        self.beside.style.description_width = self.paint.style.description_width = "62px"
-        self.beside.tooltip = "Show the answer of another model to the same pins, cameras linked"
-        self.undo, self.redo, self.keep, self.mirror, self.reset = self._buttons = [
-            widgets.Button(description=text, tooltip=tip, layout={"width": "66px"})
-            for text, tip in (
-                ("Undo", "One step back"),
-                ("Redo", "One step forward again"),
-                ("Keep", "Keep this pose and take the pins away"),
-                ("Flip", "The whole pose, left for right"),
-                ("Reset", "Back to the neutral face"),
-            )
-        ]
+        self.beside = _half([_NOTHING], "compare", "The answer of another model to the same pins")
+        self.paint = _half(_PAINTS, "colour", "What the colours of the face say")
+        self._buttons = {
+            text: button(text, tip, self._press_button)
+            for text, tip in {
+                "Undo": "One step back",
+                "Redo": "One step forward again",
+                "Bake pins": "Keep this pose and take the pins away",
+                "Reset": "Back to the neutral face",
+                "L → R": "The person's left half onto the right one",
+                "R → L": "The person's right half onto the left one",
+                "Swap sides": "The whole pose, left for right",
+            }.items()
+        }
+        self.undo, self.redo, self.keep, self.reset, _, _, self.mirror = self._buttons.values()
         self.pose, self.shape = PosePanel(self), ShapePanel(self)
         self.strip, self.clip = StripPanel(self), ClipPanel(self)
         self.files = FilePanel(self)
-        panels = {
-            "Pose": self.pose,
-            "Shape": self.shape,
-            "Poses": self.strip,
-            "Clip": self.clip,
-            "Files": self.files,
-        }
-        self.tabs = widgets.Tab([p.widget for p in panels.values()], titles=tuple(panels))
-        self._width = f"{self.size[0]}px"
-        self._build_messages()
-        self.keys = Keys(self._reactions(), self.session.settle)
         self._captions = widgets.HTML(), widgets.HTML()
         self._faces = widgets.HBox(
             [widgets.VBox([self._captions[0], self.view.widget])],
             layout={"flex_flow": "row nowrap"},
         )
-        self._panel = widgets.VBox(
-            [
-                self.model_choice,
-                widgets.HBox([self.beside, self.paint]),
-                widgets.HBox(self._buttons),
-                self.tabs,
-                self._message,
-                widgets.HTML(_KEY_LIST),
-                self.keys,
-            ],
-            layout={"width": "366px", "padding": "0 0 0 12px"},
-        )
-        left = widgets.VBox([self._faces, self._status])
-        self.widget = widgets.HBox([left, self._panel], layout={"flex_flow": "row wrap"})
-        self.widget.add_class(ROOT)
+        above = self.model_choice, row(self.beside, self.paint), row(*self._buttons.values())
+        panels = {
+            "Pins": self.pose,
+            "Sliders": self.shape,
+            "Poses": self.strip,
+            "Time": self.clip,
+            "Files": self.files,
+        }
+        self._lay_out([self._faces], above, panels, self._reactions(), _KEYS)
         self.model_choice.observe(self._choose_model, names="value")
         self.beside.observe(self._choose_beside, names="value")
         self.paint.observe(self._choose_paint, names="value")
-        for button in self._buttons:
-            button.on_click(self._press_button)
 
     def _model_name(self):
         return next((n for n, m in self.models.items() if m is self.session.model), None)
@@ -281,6 +277,7 @@ class PosingLab(Page):
         self.pose.refresh()
         self.shape.refresh()
         self.clip.refresh()
+        self.steps.refresh()
         self._answers = self._compute_answers()
         self.show()
         self._color()
@@ -396,15 +393,10 @@ class PosingLab(Page):
         sizes = [s.stop - s.start for s in session.model.slices]
         return None if distance is None else distance / np.sqrt(sizes)
 
-    def name_of(self, vertex):
-        """A vertex in words: its landmark, or one close by, or its number."""
-        face = self.session.neutral
-        names = list(face.landmarks)
-        marks = face.vertices[list(face.landmarks.values())].reshape(-1, 3)
-        off = np.linalg.norm(marks - face.vertices[vertex], axis=1)
-        if not off.size or off.min() > _NEARBY:
-            return f"vertex {vertex}"
-        return ("" if off.min() == 0 else "by ") + names[off.argmin()].replace("_", " ")
+    def step_words(self, before, after):
+        """What a step did, in words."""
+        names = {id(model): name for name, model in self.models.items()}
+        return pose_step(before, after, self.name_of, names)
 
     def _follow(self, what):
         """The session has changed, by this lab, another one, or a script."""
@@ -486,18 +478,20 @@ class PosingLab(Page):
     def _press_button(self, button):
         session = self.session
         {
-            self.undo: session.undo,
-            self.redo: session.redo,
-            self.keep: session.keep,
-            self.mirror: session.mirror,
-            self.reset: session.reset,
-        }[button]()
+            "Undo": session.undo,
+            "Redo": session.redo,
+            "Bake pins": session.keep,
+            "Reset": session.reset,
+            "L → R": lambda: session.copy_side("left"),
+            "R → L": lambda: session.copy_side("right"),
+            "Swap sides": session.mirror,
+        }[button.description]()
 
     # --- keys -------------------------------------------------------------------------------------
 
     def _reactions(self):
         session = self.session
-        actions = {
+        return {
             "z": session.undo,
             "Ctrl+z": session.undo,
             "y": session.redo,
@@ -516,14 +510,6 @@ class PosingLab(Page):
             "Space": self.clip.toggle,
             "Escape": self._give_up,
         }
-        return {key: self._guarded(action) for key, action in actions.items()}
-
-    def _guarded(self, action):
-        @shows_errors
-        def react(self):
-            action()
-
-        return lambda: react(self)
 
     def _at_hovered(self, action):
         if self._hovered is None:
@@ -546,33 +532,29 @@ class PosingLab(Page):
         self.refresh()
 
 
-def _half():
-    return widgets.Layout(width="174px")
+def _half(options, text, tip):
+    made = widgets.Dropdown(options=options, description=text, layout={"width": "48%"})
+    made.style.description_width, made.tooltip = "58px", tip
+    return made
 
 
 _VIEWS = {"1": (0, 0, 1), "2": (0.7, 0, 0.7), "3": (-0.7, 0, 0.7)}
 _KEYS = {
     "Z": "undo",
     "Y": "redo",
-    "K": "keep",
-    "F": "flip left and right",
-    "S": "symmetric",
-    "N": "along the normal",
+    "K": "bake the pins",
+    "F": "swap sides",
+    "S": "both sides",
+    "N": "in and out",
     "M": "next model",
     "C": "compare",
     "H": "hold the point",
     "L": "lock it",
     "X": "remove its pin",
-    "P": "pose to the strip",
+    "P": "pose to the library",
     "1": "from the front",
     "2": "from the left",
     "3": "from the right",
     "Space": "play",
     "Esc": "give up a drag",
 }
-_KEY_LIST = (
-    '<details style="color:#666;line-height:1.45"><summary>Keys, while the mouse is over the lab'
-    '</summary><div style="display:grid;grid-template-columns:auto 1fr auto 1fr;gap:0 8px">'
-    + "".join(f"<b>{key}</b><span>{what}</span>" for key, what in _KEYS.items())
-    + "</div></details>"
-)

@@ -1,6 +1,4 @@
-"""Panels of the posing lab: the pins and how the face answers them; regions and their sliders."""
-
-import re
+"""Panels of the posing lab: how the face answers pins; regions and their sliders."""
 
 import ipywidgets as widgets
 import matplotlib
@@ -8,12 +6,12 @@ import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 
 from facelab.plotting import SKIN, region_colors
+from facelab.widgets.lab import WIDTH, Panel, button, row, toggle
 from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.parts import ItemList
+from facelab.widgets.pins import PinPanel
 
-WIDTH = "330px"
 _PREFERRED = (1, 1.25, 1.6, 2, 2.5, 3.2, 4, 5, 6.3, 8)  # ten equal steps of a decade
-_WEIGHTS = {"weak": 0.1, "normal": 1.0, "strong": 10.0}
 _LIMIT = 3.0  # standard deviations
 _MOLD = {"beta": 0.01, "gamma": 1.0}
 _PLAIN = "#9aa5b1"
@@ -32,85 +30,49 @@ def shade(name, share):
     return (1 - mix) * to_rgb(SKIN) + mix * strong
 
 
-class Panel:
-    """Part of a lab: its `widget`, and `refresh` to show the session as it is."""
-
-    def __init__(self, lab):
-        self.lab, self.settling = lab, False
-        self._build()
-
-    @property
-    def session(self):
-        return self.lab.session
-
-    def fail(self, error):
-        """Errors are shown by the lab."""
-        self.lab.fail(error)
-
-
 class PosePanel(Panel):
-    """beta, gamma, how the mouse works, and the pins."""
+    """How the face answers, how the mouse works, and the pins."""
 
     def _build(self):
-        self.beta = _scale("β agree", "How strongly neighbouring regions must agree", -3, 2, [0.0])
-        self.gamma = _scale("γ resist", "How strongly the face resists change", -4, 1)
-        self.symmetric = _toggle("symmetric", "Every drag acts on both sides")
-        self.along = _toggle("along normal", "Drag along the normal, as with the shift key", 116)
-        self.limit = _toggle("soft limit", f"Stay within {_LIMIT:g} standard deviations")
-        self.pins = ItemList("rows", self._react, empty="No pins yet: drag a point of the face.")
-        toggles = widgets.HBox([self.symmetric, self.along, self.limit])
-        self.widget = widgets.VBox([self.beta, self.gamma, toggles, self.pins])
+        self.beta = _scale(
+            "Regions agree β",
+            "How strongly neighbouring regions must agree at their seam",
+            -3,
+            2,
+            [0.0],
+        )
+        self.gamma = _scale(
+            "Stay close γ", "How strongly the face stays close to the pose before the pins", -4, 1
+        )
+        self.symmetric = toggle("Both sides", "Every drag acts on both sides of the face")
+        self.along = toggle(
+            "In and out", "Drag along the normal of the skin, as with the shift key"
+        )
+        self.limit = toggle(
+            "Stay natural", f"Stay within {_LIMIT:g} standard deviations of training"
+        )
+        self.pin_list = PinPanel(self.lab)
+        self.pins = self.pin_list.list
+        toggles = row(self.symmetric, self.along, self.limit)
+        self.widget = widgets.VBox([toggles, self.pin_list.widget, self.beta, self.gamma])
         self.beta.observe(self._slide, names="value")
         self.gamma.observe(self._slide, names="value")
-        for toggle in (self.symmetric, self.along, self.limit):
-            toggle.observe(self._switch, names="value")
+        for each in (self.symmetric, self.along, self.limit):
+            each.observe(self._switch, names="value")
 
     def refresh(self):
+        """Show the settings and the pins."""
         session = self.session
         with quiet(self):
             for slider, value in ((self.beta, session.beta), (self.gamma, session.gamma)):
                 _settle(slider, value)
             self.symmetric.value = session.symmetric
             self.limit.value = session.limit is not None
-        self.pins.items = [self._row(vertex) for vertex in session.pins]
-
-    def _row(self, vertex):
-        session = self.session
-        gap = np.linalg.norm(session.pins[vertex] - session.vertices[vertex])
-        locked, weight = vertex in session.locked, session.pin_weights[vertex]
-        near = min(_WEIGHTS, key=lambda name: abs(np.log(_WEIGHTS[name] / weight)))
-        sign = {"weak": "○", "normal": "◐", "strong": "●"}[near]
-        name = self.lab.name_of(vertex)
-        return {
-            "id": int(vertex),
-            "name": name,
-            "note": f"{gap:.1f} mm short",
-            "tip": f"{name}: the vertex stops {gap:.2f} mm short of its target",
-            "buttons": [
-                ["weight", sign, f"Weight: {near} ({weight:g}). Click for the next", False],
-                ["mirror", "⇋", "The same pin on the other side", False],
-                ["lock", "🔒" if locked else "🔓", "Unlock" if locked else "Lock", locked],
-                ["remove", "✕", "Remove this pin", False],
-            ],
-        }
-
-    @shows_errors
-    def _react(self, do, vertex):
-        session = self.session
-        if do == "remove":
-            session.remove_pin(vertex)
-        elif do == "mirror":
-            session.mirror_pin(vertex)
-        elif do == "lock":
-            self.toggle_lock(vertex)
-        elif do == "weight":
-            weights = list(_WEIGHTS.values())
-            heavier = [w for w in weights if w > 1.01 * session.pin_weights[vertex]]
-            session.set_pin(vertex, weight=(heavier or weights)[0])
+        self.pin_list.refresh()
 
     def toggle_lock(self, vertex):
         """Lock a pin, or free it; a vertex without one is pinned where it is, and locked."""
-        self.session.set_pin(vertex, locked=vertex not in self.session.locked)
+        self.pin_list.toggle_lock(vertex)
 
     @shows_errors
     def _slide(self, change):
@@ -137,30 +99,32 @@ class ShapePanel(Panel):
     def _build(self):
         self.region = 0
         self._model = None
-        self.regions = ItemList("choice", self._choose)
-        self.regions.layout.max_height = "190px"
-        self.mold = _toggle(
-            "mold", "β relaxed and γ raised: what a slider does stays in its region"
+        self.regions = ItemList("choice", self._choose, label="Regions")
+        self.regions.layout.max_height = "150px"
+        self.mold = toggle(
+            "Only here", "β relaxed and γ raised: what a slider does stays in its region"
         )
-        self.neutral = widgets.Button(
-            description="Reset region",
-            tooltip="This region back to the neutral, its pins away",
-            layout={"width": "110px"},
+        self.neutral = button(
+            "Reset region", "This region back to the neutral, its pins away", self._reset
         )
-        self._title = widgets.HTML(layout={"width": "110px"})
+        self.sorted = toggle("Strongest first", "Order the sliders by what they do to the pose now")
+        self._title = widgets.HTML()
         self.sliders = []
-        self._box = widgets.VBox(layout={"max_height": "210px", "overflow": "hidden auto"})
-        head = widgets.HBox([self._title, self.mold, self.neutral])
+        self._box = widgets.VBox()
+        self._box.add_class("facelab-sliders")
+        head = row(self._title, self.sorted, self.mold, self.neutral)
         self.widget = widgets.VBox([self.regions, head, self._box])
-        self.neutral.on_click(self._reset)
         self.mold.observe(self._relax, names="value")
+        self.sorted.observe(lambda _: self.refresh(), names="value")
 
     def refresh(self):
+        """Show the regions, and the sliders of the chosen one as the pose on screen has them."""
         session = self.session
         if self._model is not session.model:
             self._model, self.region = session.model, 0
-            self._names = region_names(session)
-            regions = session.regions
+            regions, labels = session.regions, session.region_labels
+            self._names = ["whole face"] if labels is None else self.lab.places.regions(labels)
+            self._said = {}
             self._colors = (
                 [_PLAIN] if regions is None else [to_hex(c) for c in region_colors(regions)]
             )
@@ -168,23 +132,51 @@ class ShapePanel(Panel):
         self.regions.items = [self._row(i, name, distance) for i, name in enumerate(self._names)]
         self.regions.chosen = self.region
         self._title.value = markup("<b>{}</b>", self._names[self.region])
-        names = session.mold_names(self.region)
-        for k in range(len(self.sliders), len(names)):
+        said = self.slider_names(self.region)
+        for k in range(len(self.sliders), len(said)):
             self.sliders.append(self._new_slider(k))
         with quiet(self):
             if not session.beta == _MOLD["beta"]:
                 self.mold.value = False
-            self._box.children = self.sliders[: len(names)]
-            values, ranges = session.mold_values(self.region), session.mold_ranges(self.region)
-            for slider, name, value, (low, high) in zip(
-                self.sliders, names, values, ranges, strict=False
+            self._box.children = [self.sliders[k] for k in self._order()]
+            values, ranges = session.slider_values(self.region), session.mold_ranges(self.region)
+            for slider, (name, tip), value, (low, high) in zip(
+                self.sliders, said, values, ranges, strict=False
             ):
                 low, high = min(low, value), max(high, value)
                 with slider.hold_sync():
                     slider.min, slider.max = min(low, slider.max), max(high, slider.min)
                     slider.min, slider.max, slider.value = low, high, value
-                    slider.description = name
+                    slider.description, slider.tooltip = name, tip
                     slider.style.handle_color = self._colors[self.region]
+
+    def slider_names(self, region):
+        """Name and tip of each slider of a region: what it moves, as well as it can be said."""
+        if region not in self._said:
+            session, places = self.session, self.lab.places
+            names, shares = session.mold_names(region), session.shares(region)
+            moved = session.moved_by(region)
+            self._reach = np.linalg.norm(moved, axis=2).max(axis=1)
+            said = []
+            for k, name in enumerate(names):
+                does = places.motion(moved[k])
+                tip = f"{name}: {does}, {self._reach[k]:.1f} mm".replace(": ,", ":")
+                if shares is not None:
+                    tip += f" for one standard deviation; {shares[k]:.0%} of the region's motion"
+                    side = self._names[region].split(" ")[-1]  # said by the region's own name
+                    does = " ".join(w for w in does.split(" ") if w != side)
+                    name = f"{does or name}, {100 * shares[k]:.0f} %"
+                said.append((name, tip))
+            self._said[region] = said, self._reach
+        return self._said[region][0]
+
+    def _order(self):
+        """Sliders in the order on screen: as the model has them, or by millimetres in the pose."""
+        n = len(self.slider_names(self.region))
+        if not self.sorted.value:
+            return range(n)
+        moved = np.abs(self.session.slider_values(self.region)) * self._said[self.region][1]
+        return np.lexsort((-self._said[self.region][1], -moved))
 
     def _row(self, i, name, distance):
         row = {"id": i, "name": name, "color": self._colors[i]}
@@ -200,8 +192,8 @@ class ShapePanel(Panel):
         slider = widgets.FloatSlider(
             step=0.05,
             readout_format=".2f",
-            layout={"width": "304px", "flex": "0 0 auto"},
-            style={"description_width": "96px"},
+            layout={"width": WIDTH, "flex": "0 0 auto"},
+            style={"description_width": "46%"},
         )
         slider.observe(lambda change: self._slide(k, change), names="value")
         return slider
@@ -209,10 +201,10 @@ class ShapePanel(Panel):
     @shows_errors
     def _slide(self, k, change):
         # the page rounds a value to its slider's grid and sends it back: that is no edit
-        rounded = abs(change["new"] - self.session.mold_values(self.region)[k]) <= 0.026
+        rounded = abs(change["new"] - self.session.slider_values(self.region)[k]) <= 0.026
         if not self.settling and not rounded:
             with self.session.group(f"mold {self.region} {k}"):
-                self.session.mold(self.region, k, change["new"])
+                self.session.slide(self.region, k, change["new"])
 
     @shows_errors
     def _relax(self, change):
@@ -240,30 +232,6 @@ class ShapePanel(Panel):
         self.session.reset_region(self.region)
 
 
-def region_names(session):
-    """A name for each region, from the landmark nearest to its middle: list of str."""
-    labels, face = session.region_labels, session.neutral
-    if labels is None:
-        return ["whole face"]
-    names = []
-    for region in range(labels.max() + 1):
-        middle = face.vertices[labels == region].mean(axis=0)
-        marks = face.landmarks or {f"region {region}": 0}
-        near = min(marks, key=lambda name: np.linalg.norm(face.vertices[marks[name]] - middle))
-        name = re.sub(r"_(\d|upper|lower|inner|outer|tip|bridge|base|corner)+", "", near)
-        names.append(name.replace("_", " "))
-    return [
-        f"{name} {names[: i + 1].count(name)}" if names.count(name) > 1 else name
-        for i, name in enumerate(names)
-    ]
-
-
-def _toggle(text, tip, width=98):
-    return widgets.ToggleButton(
-        description=text, tooltip=tip, layout={"width": f"{width}px", "height": "26px"}
-    )
-
-
 def _scale(text, tip, low, high, first=()):
     """A slider over preferred numbers from 10^low to 10^high, and what stands before them."""
     decades = [f * 10.0**d for d in range(low, high) for f in _PREFERRED] + [10.0**high]
@@ -273,7 +241,7 @@ def _scale(text, tip, low, high, first=()):
         description=text,
         tooltip=tip,
         layout={"width": WIDTH},
-        style={"description_width": "56px"},
+        style={"description_width": "108px"},
     )
 
 

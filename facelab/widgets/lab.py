@@ -1,0 +1,150 @@
+"""What both labs share: the face on the left, tidy controls beside it, steps, keys and words."""
+
+import re
+from functools import cached_property
+
+import ipywidgets as widgets
+
+from facelab.geometry.places import FacePlaces
+from facelab.widgets.page import Page, markup, shows_errors
+from facelab.widgets.parts import ROOT, ItemList, Keys
+
+WIDTH = "calc(100% - 4px)"  # of a control that takes a whole row
+_STEPS_SHOWN = 80
+
+
+class Panel:
+    """Part of a lab: its `widget`, and `refresh` to show the session as it is."""
+
+    def __init__(self, lab):
+        self.lab, self.settling = lab, False
+        self._build()
+
+    @property
+    def session(self):
+        return self.lab.session
+
+    def fail(self, error):
+        """Errors are shown by the lab."""
+        self.lab.fail(error)
+
+
+_PARAMETERS = {"beta": "Regions agree (β)", "gamma": "Stay close (γ)", "lam": "λ", "alpha": "α"}
+
+
+class Lab(Page):
+    """One base for both labs: a page of a face, or two, and of panels in tabs beside them.
+
+    A lab has a `session` with a history, and says in `step_words(before, after)` what a step did.
+    """
+
+    def _begin(self):
+        """What stays when the face is another one: the page itself."""
+        self.widget = widgets.HBox()
+        self.widget.add_class(ROOT)
+        self._build_messages()
+
+    def _lay_out(self, stage, above, panels, reactions, keys):
+        """Put the page together: what is seen, controls always in view, and panels by their tab."""
+        self.steps = StepPanel(self)
+        panels = {**panels, "Steps": self.steps}
+        self.tabs = widgets.Tab([p.widget for p in panels.values()], titles=tuple(panels))
+        self.keys = Keys({key: self._guarded(act) for key, act in reactions.items()}, self._settle)
+        stage = widgets.VBox([*stage, self._status, self._message])
+        self._panel = widgets.VBox([*above, self.tabs, widgets.HTML(_key_list(keys)), self.keys])
+        stage.add_class("facelab-stage")
+        self._panel.add_class("facelab-side")
+        self.widget.children = [stage, self._panel]
+
+    def _settle(self):
+        self.session.settle()
+
+    def _guarded(self, action):
+        @shows_errors
+        def react(self):
+            action()
+
+        return lambda: react(self)
+
+    @cached_property
+    def places(self):
+        """Names of the places of the face."""
+        return FacePlaces(self.mesh, getattr(self.session, "partners", None))
+
+    def name_of(self, vertex):
+        """A vertex in words: the place where it lies, or its number."""
+        return self.places.vertex(vertex)
+
+    def go(self, place):
+        """Undo or redo up to a step, counted from the first."""
+        self.session.history.go(place)
+
+    def in_words(self, error):
+        """What an error says, in words of the page: buttons and points, not arguments."""
+        text = re.sub(r":? ?\b[a-z_.]+\([^()]*=[^()]*\)", "", str(error))
+        return re.sub(r"\b([a-z_]+)=('[^']*'|\[[^]]*\]|-?[\w.+-]*\w)", self._word, text)
+
+    def _word(self, found):
+        name, value = found.groups()
+        if name == "vertex" and value.isdigit() and int(value) < self.mesh.n_vertices:
+            return self.name_of(int(value))
+        return f"{_PARAMETERS.get(name, name.replace('_', ' '))} {value}"
+
+
+class StepPanel(Panel):
+    """All steps in words; a click goes back, or forward, to one."""
+
+    def _build(self):
+        self.list = ItemList("choice", self._react, label="Steps")
+        self.list.layout.max_height = "330px"
+        self.widget = self.list
+
+    def refresh(self):
+        """Show the steps, the newest on top; those undone are pale."""
+        history = self.session.history
+        line, now = history.line, history.n_undo
+        first = max(0, min(now, len(line) - _STEPS_SHOWN))
+        shown = range(first, min(len(line), first + _STEPS_SHOWN))
+        words = {k: self.lab.step_words(line[k - 1], line[k]) if k else "the start" for k in shown}
+        self.list.items = [
+            {
+                "id": k,
+                "name": words[k],
+                "note": "undone" if k > now else "",
+                "tip": "Go to this step",
+            }
+            for k in reversed(shown)
+        ]
+        self.list.chosen = shown[-1] - now
+
+    @shows_errors
+    def _react(self, _, place):
+        self.lab.go(place)
+
+
+def button(text, tip, react, width="auto"):
+    """A button with a tooltip."""
+    made = widgets.Button(description=text, tooltip=tip, layout={"width": width})
+    made.on_click(react)
+    return made
+
+
+def toggle(text, tip, width="auto"):
+    """A button that stays pressed."""
+    return widgets.ToggleButton(
+        description=text, tooltip=tip, layout={"width": width, "height": "26px"}
+    )
+
+
+def row(*children):
+    """Controls beside each other; those that find no room go below."""
+    return widgets.HBox(children, layout={"flex_flow": "row wrap"})
+
+
+def _key_list(keys):
+    rows = (markup("<b>{}</b><span>{}</span>", key, what) for key, what in keys.items())
+    return markup(
+        '<details class="facelab-keys"><summary>Keys, while the mouse or the focus is in the lab'
+        "</summary><div>{}</div></details>",
+        markup("").join(rows),
+    )

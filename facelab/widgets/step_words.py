@@ -1,0 +1,81 @@
+"""What a step of a session did, in a few words: found from the states before and after it."""
+
+import numpy as np
+
+
+def pose_step(before, after, name_of, models):
+    """What led from one `PoseState` to the next.
+
+    Parameters
+    ----------
+    before, after : PoseState
+    name_of : callable
+        Gives the name of a vertex.
+    models : dict of int to str
+        Names of models by their id.
+    """
+    if before.model is not after.model:
+        return f"model: {models.get(id(after.model), 'another')}"
+    pulled = [v for v, t in after.pins.items() if not np.array_equal(t, before.pins.get(v))]
+    if pulled:
+        twin = " and its twin" if len(pulled) == 2 else ""
+        return f"pull {name_of(pulled[0])}{twin}" if len(pulled) < 3 else f"{len(pulled)} pins"
+    gone = [v for v in before.pins if v not in after.pins]
+    if gone and after.pins:
+        return f"pin off {name_of(gone[0])}"
+    for name, text in (("beta", "Regions agree β"), ("gamma", "Stay close γ")):
+        if getattr(before, name) != getattr(after, name):
+            return f"{text} {getattr(after, name):.3g}"
+    if before.limit != after.limit:
+        return "stay natural" + ("" if after.limit else " no more")
+    for name, text in (
+        ("locked", "lock"), ("hidden", "hide"), ("called", "name"), ("weights", "weight of")
+    ):  # fmt: skip
+        a, b = getattr(before, name), getattr(after, name)
+        if a != b:
+            return f"{text} {name_of(_differing(a, b))}"
+    if not gone and not np.array_equal(before.molded, after.molded):
+        return "slider"
+    if np.array_equal(before.coefficients, after.coefficients):
+        return "pins baked"
+    return "another pose" if after.coefficients.any() else "reset"
+
+
+def expression_step(before, after, name_of):
+    """What led from one `ExpressionState` to the next."""
+    for v, offset in after.pulls.items():
+        if before.pulls.get(v) != offset:
+            return f"pull {name_of(v)}"
+    if after.sketch is not before.sketch:
+        gone = [v for v in before.pulls if v not in after.pulls]
+        return f"pin off {name_of(gone[0])}" if gone and after.pulls else f"sketch: {after.origin}"
+    if before.alpha != after.alpha:
+        return "best α" if after.alpha is None else f"α {after.alpha:g}"
+    if before.locked != after.locked or before.excluded != after.excluded:
+        return _units_step(before, after)
+    for name, text in (("lam", "λ"), ("bounds", "weights"), ("criterion", "best by")):
+        if getattr(before, name) != getattr(after, name):
+            value = getattr(after, name)
+            return f"{text} {value:.3g}" if name == "lam" else f"{text} {value}"
+    for name, text in (("hidden", "hide"), ("called", "name")):
+        a, b = getattr(before, name), getattr(after, name)
+        if a != b:
+            return f"{text} {name_of(_differing(a, b))}"
+    return "setting"
+
+
+def _units_step(before, after):
+    for name in after.excluded - before.excluded:
+        return f"leave out {name}"
+    for name, weight in after.locked.items():
+        if before.locked.get(name) != weight:
+            return f"{name} held at {weight:.2f}"
+    freed = [*(before.locked.keys() - after.locked.keys()), *(before.excluded - after.excluded)]
+    return f"free {freed[0]}" if len(freed) == 1 else "free all"
+
+
+def _differing(a, b):
+    """A key, or member, of two mappings, or sets, that are not the same."""
+    if isinstance(a, frozenset):
+        return next(iter(a ^ b))
+    return next(v for v in {**a, **b} if a.get(v) != b.get(v))
