@@ -128,6 +128,9 @@ results: env data
 bench: env data browser
 	$(BIN)/python tests/benchmarks/run.py
 
+mutants: env  ## a sample of the mathematics broken on purpose: which tests notice
+	$(BIN)/python tests/mutate.py --sample 20
+
 lock: env
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 \

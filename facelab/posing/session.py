@@ -63,7 +63,7 @@ class PosingSession(PinEdits, Molding):
     -----
     Eq. 9 is solved for the change since the state before the pins: what gaps a kept pose has at
     the boundaries stay as they are, and only further ones cost. Else the first pin after `keep`,
-    or a mere press, would close the old gaps and move the face (by 1 mm in our trials).
+    or a mere press, would close the old gaps and move the face.
 
     Examples
     --------

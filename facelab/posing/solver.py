@@ -63,8 +63,9 @@ class PoseSolver:
 
     Up to 397 vertices this is Eq. 9 to the letter, with scaled weights. Trained on 397 or on all
     6,706 vertices of the same face, models answer the same pins alike: the pinned vertex follows
-    as far and the motion reaches as far, within 10 % for about nine pins in ten; the rest is the
-    choice of samples, felt most where the face hardly moves (nose tip, outline of the jaw).
+    as far and the motion reaches as far, within 10 % for most pins if the motion was free of
+    noise. Noise in the motion is learned differently by both, and they part; so does the choice
+    of samples, felt most where the face hardly moves (nose tip, outline of the jaw).
 
     Parameters
     ----------
@@ -78,7 +79,7 @@ class PoseSolver:
     shared_pins : {"blended", "copies"}
         What a pin on a vertex of m regions holds. "copies" is Eq. 9 to the letter: each region's
         copy of the vertex is drawn to the target, which also draws the copies together, so that
-        merely pressing there moves the face (by up to 0.4 mm in our trials). "blended" holds
+        merely pressing there moves the face, the more the farther they are apart. "blended" holds
         what is seen, the mean of the copies, with m times the weight: pressing changes nothing.
         Both are the same where one region holds the vertex, and where the copies agree. Between
         the control vertices of a bound face there are no copies, and pins are blended.
@@ -103,7 +104,7 @@ class PoseSolver:
     References
     ----------
     Tena et al. 2011, Eq. 8 to 10. Their Eq. 7 has a wrong index in its last term; Eq. 10 is
-    right. Each pair of regions is summed once. The limit is ours; their section 7 asks for it.
+    right. Each pair of regions is summed once. The limit is ours.
     Lewis and Anjyo 2010, Direct manipulation blendshapes, whom they quote for rigs, is not at
     hand: built from section 3.2.
     """
