@@ -33,7 +33,7 @@ help:
 	@echo "make env        only the environment, in .venv"
 	@echo "make data       only the data (real faces are downloaded once, synthetic ones made)"
 	@echo "make notebooks  run every notebook in place and store its outputs"
-	@echo "make results    every error of the generalisation experiments, as CSV in results/"
+	@echo "make results    every error of notebook 04 and the table of all models, in results/"
 	@echo "make bench      run the benchmarks"
 	@echo "make lock       resolve requirements.lock and environment.yml anew from pyproject.toml"
 	@echo "make soak       random walks, killed and starved writers, 2,000 mutants of each file (minutes)"
@@ -124,6 +124,8 @@ notebooks: env data
 
 results: env data
 	$(BIN)/python -m facelab.studies.generalisation --out results
+	$(BIN)/python -m facelab.studies.benchmark_table --out results
+	cp results/benchmark.md docs/benchmark.md
 
 bench: env data browser
 	$(BIN)/python tests/benchmarks/run.py

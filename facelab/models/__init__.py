@@ -12,6 +12,7 @@ from facelab.models.evaluation import (
     variance_across,
 )
 from facelab.models.holistic import HolisticModel
+from facelab.models.localised import localised_model, varimax
 from facelab.models.region import RegionModel
 from facelab.models.store import load_model
 
@@ -24,9 +25,11 @@ __all__ = [
     "error_curves",
     "frame_errors",
     "load_model",
+    "localised_model",
     "principal_components",
     "rank_of_motion",
     "rms_error",
     "sparse_model",
     "variance_across",
+    "varimax",
 ]
