@@ -20,6 +20,10 @@ BLOCK_BYTES = 2**24
 """Frames of a large array are read in blocks of this size, counted in float64."""
 
 
+CACHED = 2**18
+"""Numbers of frames in memory that are worked on at a time: as many as a processor keeps near."""
+
+
 def principal_components(X, n_components):
     """Mean, leading principal components and their variances.
 
@@ -47,6 +51,44 @@ def principal_components(X, n_components):
     if wide:  # D D^T u = s u gives D^T D (D^T u) = s (D^T u): the same variances
         components = D.T @ components
     return mean, _signed(components), variances
+
+
+def components_of_sets(X, columns, n_components):
+    """Principal components of several sets of columns of the same frames.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n_frames, n_features)
+    columns : list of ndarray of int
+    n_components : int
+        Modes of each set; fewer of a set that has fewer columns or frames.
+
+    Returns
+    -------
+    mean : ndarray of shape (n_features,)
+    components, variances : lists of ndarray
+        Of each set, as from `principal_components`.
+    """
+    mean, n_frames = X.mean(axis=0), len(X)
+    many = len(columns) > 1
+    sums = {i: 0.0 for i, c in enumerate(columns) if many and len(c) <= n_frames}
+    step = max(64, CACHED // X.shape[1]) if sums else n_frames
+    for start in range(0, n_frames if sums else 0, step):
+        # some frames at a time, coordinates as rows: picked in the cache, not in the memory
+        D = np.ascontiguousarray((X[start : start + step] - mean).T)
+        for i in sums:
+            part = D[columns[i]]
+            sums[i] = sums[i] + (part @ part.T).astype(float)
+    found = []
+    for i, c in enumerate(columns):
+        n = min(n_components, n_frames, len(c))
+        if i in sums:
+            square = (sums.pop(i) / max(n_frames - 1, 1)).astype(X.dtype)
+            variances, modes = _leading(square, n)
+            found.append((_signed(modes), variances))
+        else:
+            found.append(principal_components(X[:, c], n)[1:])
+    return mean, *map(list, zip(*found, strict=True))
 
 
 def _leading(square, n):

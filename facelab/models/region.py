@@ -15,7 +15,7 @@ from facelab.models.bases import RegionBases, columns_of
 from facelab.models.components import (
     LARGEST_EXACT,
     components_of_blocks,
-    principal_components,
+    components_of_sets,
     row_blocks,
 )
 from facelab.motion import MotionSequence
@@ -160,9 +160,8 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         wanted = self._wanted(n_frames, columns)
         if not np.isfinite(X).all():
             as_finite(X, "X", X.shape, remedy=_FILL)
-        n = min(n_frames, self._most)
-        found = [principal_components(X[:, c], min(n, len(c)))[1:] for c in columns]
-        return X.mean(axis=0), members, *_cut(*zip(*found, strict=True), wanted, self.spread)
+        mean, *found = components_of_sets(X, columns, self._most)
+        return mean, members, *_cut(*found, wanted, self.spread)
 
     def fit_blocks(self, blocks, passes=2, progress=True):
         """Learn from frames that do not fit into memory.

@@ -1,6 +1,7 @@
 """The face cut into regions by how it moves (Tena et al. 2011, section 4.2)."""
 
 from facelab.segmentation.clusters import Compactness, compactness, renumbered, spectral_embedding
+from facelab.segmentation.dense import Correlations, Distances, sparse_affinity
 from facelab.segmentation.regions import Regions
 from facelab.segmentation.segment import Affinity, segment_face, stability
 from facelab.segmentation.similarity import affinity, motion_correlation, nearness
@@ -8,6 +9,8 @@ from facelab.segmentation.similarity import affinity, motion_correlation, nearne
 __all__ = [
     "Affinity",
     "Compactness",
+    "Correlations",
+    "Distances",
     "Regions",
     "affinity",
     "compactness",
@@ -15,6 +18,7 @@ __all__ = [
     "nearness",
     "renumbered",
     "segment_face",
+    "sparse_affinity",
     "spectral_embedding",
     "stability",
 ]

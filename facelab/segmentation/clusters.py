@@ -21,7 +21,7 @@ def spectral_embedding(A, k, rows="unit"):
 
     Parameters
     ----------
-    A : ndarray of shape (n, n)
+    A : ndarray or sparse array of shape (n, n)
         Affinity; its diagonal is not used.
     k : int
     rows : {"unit", "degree"}
@@ -37,7 +37,8 @@ def spectral_embedding(A, k, rows="unit"):
     Ng, Jordan and Weiss 2001, steps 1 to 4.
     """
     check_choice(rows, "rows", ("unit", "degree"))
-    k = check_count(k, "k", 1, len(A), f"clusters of {len(A)} vertices")
+    n = A.shape[0]
+    k = check_count(k, "k", 1, n, f"clusters of {n} vertices")
     L, root = normalised(A)
     X = leading(L, k)
     return unit_rows(X) if rows == "unit" else X / root[:, None]
@@ -45,6 +46,8 @@ def spectral_embedding(A, k, rows="unit"):
 
 def normalised(A):
     """D^-1/2 A D^-1/2 without the diagonal of A, and the roots of the degrees."""
+    if sp.issparse(A):
+        return _normalised_sparse(A)
     A = np.array(A, dtype=float)
     np.fill_diagonal(A, 0)  # Ng, Jordan and Weiss, steps 1 and 2
     degree = A.sum(axis=1)
@@ -54,13 +57,26 @@ def normalised(A):
     return A, root
 
 
+def _normalised_sparse(A):
+    A = sp.csr_array(A)
+    data, rows = A.data.copy(), np.repeat(np.arange(A.shape[0], dtype=np.int32), np.diff(A.indptr))
+    L = sp.csr_array((data, A.indices, A.indptr), shape=A.shape)  # the places are A's own
+    data[rows == L.indices] = 0
+    degree = L.sum(axis=1, dtype=float)
+    root = np.sqrt(np.where(degree > 0, degree, 1))
+    data /= root.astype(data.dtype)[rows]
+    data /= root.astype(data.dtype)[L.indices]
+    return L, root
+
+
 def leading(L, k):
-    n = len(L)
+    n = L.shape[0]
     if n > LARGE and k < n // 10:
         # any fixed start will do that is not an eigenvector itself
-        values, X = eigsh(L, k, which="LA", v0=np.arange(1.0, n + 1))
-        X = X[:, np.argsort(-values)]
+        values, X = eigsh(L, k, which="LA", v0=np.arange(1, n + 1, dtype=L.dtype))
+        X = X[:, np.argsort(-values)].astype(float)
     else:
+        L = L.toarray().astype(float) if sp.issparse(L) else L
         X = eigh(L, subset_by_index=[n - k, n - 1])[1][:, ::-1]
     # eigenvectors (step 3) have no sign of their own: the largest entry is made positive
     return X * np.sign(X[np.abs(X).argmax(axis=0), np.arange(k)])

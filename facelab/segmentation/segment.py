@@ -27,6 +27,7 @@ from facelab.segmentation.clusters import (
     normalised,
     unit_rows,
 )
+from facelab.segmentation.dense import Correlations, Distances, sparse_affinity
 from facelab.segmentation.regions import Regions
 from facelab.segmentation.similarity import affinity, motion_correlation, nearness
 
@@ -41,10 +42,10 @@ class Affinity:
     ----------
     mesh : TriangleMesh
         In one piece.
-    C_bar : ndarray of shape (n_vertices, n_vertices)
-        From `motion_correlation`.
-    G : ndarray of shape (n_vertices, n_vertices)
-        Distances along the mesh, millimetres.
+    C_bar : ndarray of shape (n_vertices, n_vertices), or Correlations
+        From `motion_correlation`; of more than 1,500 vertices rows are found when asked for.
+    G : ndarray of shape (n_vertices, n_vertices), or Distances
+        Distances along the mesh, millimetres; again rows when asked for, where vertices are many.
     lam, r, threshold : float
         λ, r and the threshold on the correlation, see `affinity`.
 
@@ -81,8 +82,9 @@ class Affinity:
         motion.mesh.check_connected()
         check_face_size(motion.mesh.vertices, "motion")
         positions = motion.positions if motion.valid.all() else motion.positions[motion.valid]
-        C_bar = motion_correlation(positions)
-        return cls(motion.mesh, C_bar, motion.mesh.geodesics(), **settings)
+        mesh = motion.mesh
+        G = Distances(mesh) if mesh.n_vertices > LARGE else mesh.geodesics()
+        return cls(mesh, _correlation(positions), G, **settings)
 
     def with_(self, **settings):
         """The same motion and mesh with another `lam`, `r` or `threshold`."""
@@ -95,7 +97,9 @@ class Affinity:
 
     @cached_property
     def A(self):
-        """Affinity, Eq. 12: ndarray of shape (n_vertices, n_vertices)."""
+        """Affinity, Eq. 12: ndarray of shape (n_vertices, n_vertices); sparse if they are many."""
+        if isinstance(self.C_bar, Correlations) and isinstance(self.G, Distances):
+            return sparse_affinity(self.C_bar, self.G, self.lam, self.r, self.threshold)
         return affinity(self.C_bar, self.G, self.lam, self.r, self.threshold)
 
     def segment(
@@ -178,6 +182,11 @@ class Affinity:
                     )
         why = _why(tried, reading, asked=n_regions is not None)
         return Regions(best, mesh, sharing, rings, tuple(tried), why=why)
+
+
+def _correlation(positions):
+    dense = positions.shape[1] > LARGE
+    return Correlations(positions) if dense else motion_correlation(positions)
 
 
 def _holds(seen, reading):
@@ -304,6 +313,6 @@ def stability(
         if over == "frames":
             starts = rng.randint(len(frames) - length + 1, size=-(-len(frames) // length))
             picked = frames[(starts[:, None] + np.arange(length)).ravel()[: len(frames)]]
-            drawn = whole.with_(C_bar=motion_correlation(motion.positions[picked]))
+            drawn = whole.with_(C_bar=_correlation(motion.positions[picked]))
         labels.append(cut(drawn))
     return np.array([adjusted_rand_score(reference, x) for x in labels]), np.array(labels)

@@ -25,14 +25,8 @@ def motion_correlation(positions, still=1e-6):
     ----------
     Tena et al. 2011, section 4.2: normalised correlation matrices C_x, C_y, C_z, averaged.
     """
-    positions = np.asarray(positions)
-    if positions.ndim != 3 or positions.shape[2] != 3:
-        raise ValueError(
-            f"positions has shape {positions.shape}, but needs shape (n_frames, n_vertices, 3)."
-        )
+    positions = as_positions(positions)
     n_frames, n_vertices, _ = positions.shape
-    if n_frames < 2:
-        raise ValueError(f"positions has {n_frames} frame(s); correlation needs 2 or more.")
     C_bar = np.zeros((n_vertices, n_vertices))
     for axis in range(3):  # one at a time: a dense face fills the memory soon enough
         name = f"positions[:, :, {axis}]"
@@ -44,6 +38,17 @@ def motion_correlation(positions, still=1e-6):
         C_bar += D.T @ D
     np.fill_diagonal(C_bar, 1)
     return np.clip(C_bar, -1, 1, out=C_bar)
+
+
+def as_positions(positions):
+    positions = np.asarray(positions)
+    if positions.ndim != 3 or positions.shape[2] != 3:
+        raise ValueError(
+            f"positions has shape {positions.shape}, but needs shape (n_frames, n_vertices, 3)."
+        )
+    if len(positions) < 2:
+        raise ValueError(f"positions has {len(positions)} frame(s); correlation needs 2 or more.")
+    return positions
 
 
 def nearness(G, r=10.0):

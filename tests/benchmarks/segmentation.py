@@ -2,7 +2,7 @@
 
 M1 is SYNTHETIC: its whole set at 15 frames a second with noise of 0.3 mm; on the dense face every
 fourth frame of it (the correlation costs in proportion). Each way runs in a process of its own, so
-that its peak of memory is its own; 8,820 vertices take some minutes and 3 GB.
+that its peak of memory is its own.
 """
 
 import json
@@ -15,6 +15,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import scipy.sparse as sp
 from setup import milliseconds
 from sklearn.cluster import SpectralClustering
 from sklearn.metrics import adjusted_rand_score
@@ -61,11 +62,15 @@ def ours(n_vertices, folder):
     def step(name, work):
         spent[name] = seconds(lambda: found.update({name: work()}), n_vertices)
 
-    step("correlation", lambda: motion_correlation(motion.positions))
-    step("distances", motion.mesh.geodesics)
-    step("affinity", lambda: affinity(found["correlation"], found["distances"]))
-    both = Affinity(motion.mesh, found.pop("correlation"), found.pop("distances"))
-    np.save(folder / "A.npy", found.pop("affinity"))
+    if n_vertices < DENSE:
+        step("correlation", lambda: motion_correlation(motion.positions))
+        step("distances", motion.mesh.geodesics)
+        step("affinity", lambda: affinity(found["correlation"], found["distances"]))
+        both = Affinity(motion.mesh, found["correlation"], found["distances"])
+    else:
+        both = Affinity.of(motion)
+        step("all of the affinity", lambda: both.A)
+    sp.save_npz(folder / "A.npz", sp.csr_array(both.A))
 
     step(CUT, lambda: both.segment(K, random_state=0, progress=False))
     print(found[CUT].why)
@@ -82,7 +87,9 @@ def ours(n_vertices, folder):
 
 def theirs(n_vertices, folder):
     """The same by numpy and scikit-learn, from the affinity found here."""
-    A, spent = np.load(folder / "A.npy"), {}
+    A, spent = sp.load_npz(folder / "A.npz"), {}
+    if n_vertices < DENSE:
+        A = A.toarray()
 
     def cut(k):
         model = SpectralClustering(k, affinity="precomputed", n_init=20, random_state=0)

@@ -14,7 +14,12 @@ from facelab.geometry.mesh import TriangleMesh
 from facelab.models import components as components_module
 from facelab.models import region as region_module
 from facelab.models.blending import BLEND_REACH
-from facelab.models.components import components_of_blocks, principal_components, row_blocks
+from facelab.models.components import (
+    components_of_blocks,
+    components_of_sets,
+    principal_components,
+    row_blocks,
+)
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.models.store import load_model
@@ -128,6 +133,20 @@ def test_a_rigid_turn_only_turns_the_modes(rng):
 
 
 # --- one basis: Eq. 2 to 4 ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cached", [1, 10**6])
+def test_sets_of_columns_found_together_have_the_components_of_each(rng, monkeypatch, cached):
+    monkeypatch.setattr("facelab.models.components.CACHED", cached)
+    X = rng.normal(size=(150, 200)) * np.linspace(1, 3, 200) + 100
+    columns = [np.arange(12), np.arange(180, 6, -1), np.array([3, 1, 150])]  # one is wide
+    for sets in (columns, columns[:1]):
+        mean, components, variances = components_of_sets(X, sets, 6)
+        np.testing.assert_allclose(mean, X.mean(axis=0), rtol=1e-12)
+        for c, B, v in zip(sets, components, variances, strict=True):
+            _, wanted, theirs = principal_components(X[:, c], min(6, len(c)))
+            np.testing.assert_allclose(v, theirs, rtol=1e-9)
+            np.testing.assert_allclose(B, wanted, atol=1e-9)
 
 
 def test_coefficients_of_the_whole_face_are_equation_4(rng):
