@@ -1,11 +1,18 @@
-"""Heads for the notebook on a face of one's own, each with something in its place."""
+"""Heads and scans for the notebooks, each with something in its place."""
 
 import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
-from facelab.data import DataUnavailable, load_aura, load_example
+from facelab.data import (
+    DataUnavailable,
+    load_aura,
+    load_example,
+    load_ict_facekit,
+    load_registered,
+)
+from facelab.geometry import TriangleMesh
 from facelab.rig import BlendshapeRig
 
 
@@ -56,3 +63,33 @@ def rms_by_name(pair, take):
     with warnings.catch_warnings(action="ignore"):  # that few names agree is what is shown
         theirs, named = (rig.rig_weights(take) for rig in (pair.rig, pair.other))
     return float(np.sqrt((pair.difference(theirs, named)[take.valid] ** 2).mean()))
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A face as a surface with landmarks, and what it is in a sentence."""
+
+    about: str
+    mesh: TriangleMesh
+
+
+def load_scan(template, random_state=1):
+    """A person out of ICT-FaceKit's identities, or actor F2 where they cannot be had: Scan.
+
+    Parameters
+    ----------
+    template : TriangleMesh
+        Gives its landmarks to the actor, whose triangles are the same.
+    random_state : int
+        Which person.
+    """
+    try:
+        rig = load_ict_facekit(area="face", n_identities=20)
+    except DataUnavailable as missing:
+        skin = load_registered("F2").capture.neutral
+        about = f"SYNTHETIC: F2 (no scanned face here: {missing})"
+        return Scan(about, TriangleMesh(skin.vertices, skin.faces, template.landmarks))
+    modes = np.stack(list(rig.identities.values()))
+    some = np.random.default_rng(random_state).normal(size=len(modes))
+    mesh = rig.neutral.with_vertices(rig.neutral.vertices + np.tensordot(some, modes, 1))
+    return Scan("REAL: an identity of ICT-FaceKit", mesh)

@@ -16,7 +16,8 @@ class Setting:
     choices : sequence, optional
         All values that it may have (of a tuple: that each of its entries may have).
     within : pair of numbers, optional
-        Lowest and highest value, both allowed. A whole reference wants whole numbers.
+        Lowest and highest value, both allowed. Where they and the reference are whole, only
+        whole numbers are.
     unit : str, default=""
 
     Examples
@@ -56,8 +57,8 @@ class Setting:
 
     @property
     def _whole(self):
-        one = self.reference[0] if isinstance(self.reference, tuple) else self.reference
-        return isinstance(one, int)
+        many = self.reference if isinstance(self.reference, tuple) else (self.reference,)
+        return all(isinstance(v, int) for v in (*many, *self.within))
 
     @property
     def allowed(self):

@@ -2,6 +2,7 @@
 
 On a real capture nobody knows the skin, so each marker is left out in turn and told from the
 others. On the synthetic actors the skin is known, and markers are thinned out.
+`python -m facelab.studies.few_markers` prints all of it.
 """
 
 from dataclasses import replace
@@ -289,3 +290,34 @@ def _apart(actor, field, made, take, frames):
     true = actor.capture.surface(take, frames) - actor.capture.neutral.vertices
     moved = np.matmul(field, made.displacements[frames])
     return np.linalg.norm(moved - true @ actor.link.rotation.T, axis=2).ravel()
+
+
+def _print(head, rows):
+    print(*(f"{h:>16}" for h in head))
+    for name, *values in rows:
+        print(f"{name:>26}", *(f"{v:16.2f}" for v in values), flush=True)
+
+
+def main():
+    """Print both tables: markers left out of the real capture, and our actors with ever fewer."""
+    template = data.load_template()
+    actors = {name: data.load_registered(name) for name in data.ACTORS}
+    real = load_few_markers(template)
+    models = models_at_hand(template, list(actors.values()))
+    binding = bind_to_samples(real.fit.mesh, next(iter(actors.values())).samples)
+    fits = {"our warp": real.fit, "prior: sides alike": real.fit.with_prior()}
+    for kind, some in models.items():
+        fits[f"prior: {kind}"] = real.fit.with_prior(*some, binding=binding)
+    all_of_them = [m for some in models.values() for m in some]
+    fits["prior: all"] = real.fit.with_prior(*all_of_them, binding=binding)
+    errors = [left_out(fits, moved_markers(real.fit, take)) for take in real.takes.values()]
+    print(real.about, "Each marker left out in turn, mm RMS:", sep="\n")
+    _print(real.takes, [(way, *(rms(e[way]) for e in errors)) for way in (*PLAIN, *fits)])
+    print("Synthetic actors, all the skin, mm RMS; the prior is of the other three:")
+    counted = by_count(actors)
+    ways = next(iter(counted.values()))
+    _print(ways, [(f"{name}, {n} markers", *e.values()) for (name, n), e in counted.items()])
+
+
+if __name__ == "__main__":
+    main()

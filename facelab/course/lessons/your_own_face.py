@@ -10,7 +10,7 @@ HANDLES = ("mouth_corner_left", "mouth_corner_right", "lip_upper", "lip_lower", 
 SETTINGS = {
     "head": Setting("Aura", choices=("Aura", "example", "F1")),
     "handle": Setting("mouth_corner_left", choices=HANDLES),
-    "pull": Setting((5, 8, -2), within=(-20, 20), unit="mm"),
+    "pull": Setting((5, 8, -2), within=(-20.0, 20.0), unit="mm"),
     "frames": Setting(450, within=(30, 3000)),
 }
 OTHERS = (
@@ -55,7 +55,7 @@ def three(answer, rig, posed):
         return f"{len(names)} units, but at most three are wanted"
     wanted = (posed - rig.neutral.vertices).ravel()
     D = np.stack([rig.deltas[rig.names.index(name)].ravel() for name in names], axis=1)
-    w = solve_bounded(D.T @ D, D.T @ wanted, np.zeros(len(names)), np.ones(len(names)))
+    w, _ = solve_bounded(D.T @ D, D.T @ wanted, np.zeros(len(names)), np.ones(len(names)))
     left = np.linalg.norm(D @ w - wanted) / np.linalg.norm(wanted)
     if left < 0.6:
         return None
