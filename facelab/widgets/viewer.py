@@ -11,8 +11,9 @@ from matplotlib.colors import to_rgb
 from scipy.spatial.transform import Rotation
 
 from facelab.geometry.mesh import normals_operator, vertex_normals_by
+from facelab.looks import Lining
 from facelab.plotting import SKIN
-from facelab.widgets.lining import Lining
+from facelab.widgets.props import PropMeshes
 
 _HOVER, _PIN, _TARGET = "#ffffff", (0.05, 0.05, 0.05), (1.0, 0.85, 0.0)
 _FOV = 18.0  # degrees: a long lens, so that a face looks as from across a table
@@ -39,8 +40,9 @@ class FaceView:
     ----------
     mesh : TriangleMesh
         The face, millimetres.
-    props : iterable of (TriangleMesh, colors)
-        Still parts such as eyes and teeth; colors of shape (n_vertices, 3), 0 to 1.
+    props : iterable of Prop or (TriangleMesh, colors)
+        Eyes and teeth (`facelab.looks.face_props`), which follow the face; or still parts, with
+        colors of shape (n_vertices, 3), 0 to 1.
     width, height : int
         Size of the canvas, pixels.
     linked_to : FaceView, optional
@@ -75,7 +77,7 @@ class FaceView:
         self._build_face()
         self._build_marks()
         self._reserve_points(0)
-        still = [_still(part, colors) for part, colors in props]
+        self._props = PropMeshes(props)
         self._plane = three.Mesh(
             three.PlaneBufferGeometry(4000, 4000), three.MeshBasicMaterial(visible=False)
         )
@@ -83,8 +85,9 @@ class FaceView:
             self._build_camera(width / height)
         else:
             self._share_camera(linked_to, width / height)
+        shown = [self._face, self._marks, self._cloud, self._hover, self._plane]
         head = three.Group(  # all that is told in the head frame
-            children=[self._face, self._marks, self._cloud, self._hover, self._plane, *still],
+            children=[*shown, *self._props.meshes],
             position=(-self._middle).tolist(),
         )
         self._scene = three.Scene(children=[head, *self._lights()], background="#f4f4f2")
@@ -352,6 +355,7 @@ class FaceView:
         lining = self._lining
         self._position.array = self._with_pin(self._V, lining.vertices(self._V), self._V[[0]])
         self._normal.array = self._with_pin(self.normals, lining.normals, np.zeros((1, 3)))
+        self._props.follow(self._V)
 
     def begin_morph(self, D, vertex, target):
         """Prepare the face on screen to move by D @ t without sending vertices again.
@@ -496,22 +500,6 @@ class FaceView:
         right = np.cross([0, 1, 0], back)
         right /= np.linalg.norm(right)
         return np.stack([right, np.cross(back, right), back])
-
-
-def _still(mesh, colors):
-    geometry = three.BufferGeometry(
-        attributes={
-            "position": three.BufferAttribute(_f32(mesh.vertices)),
-            "normal": three.BufferAttribute(_f32(mesh.normals)),
-            "color": three.BufferAttribute(_f32(colors)),
-            "index": three.BufferAttribute(mesh.faces.ravel().astype(np.uint32), normalized=False),
-        }
-    )
-    wet = np.max(colors) > 0.5  # eyes shine, the dark of the mouth does not
-    material = three.MeshStandardMaterial(
-        vertexColors="VertexColors", roughness=0.25 if wet else 1.0, metalness=0.0
-    )
-    return three.Mesh(geometry, material)
 
 
 def _pin_shape(radius=1.3, half_width=0.3):

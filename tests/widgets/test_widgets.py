@@ -11,6 +11,7 @@ from planted import bumps, quarters
 from shapes import grid_mesh
 
 from facelab.geometry.mesh import TriangleMesh
+from facelab.looks import Lining
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.motion import MotionSequence
@@ -18,7 +19,6 @@ from facelab.posing.session import PosingSession
 from facelab.rig import BlendshapeRig
 from facelab.segmentation.regions import Regions
 from facelab.widgets import FaceView, PosingLab
-from facelab.widgets.lining import Lining
 from facelab.widgets.parts import Keys
 from facelab.widgets.posing_panels import region_names
 from facelab.widgets.thumbnail import Thumbnails
