@@ -4,12 +4,15 @@ from itertools import cycle
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.ticker import NullLocator
 
 from facelab.checks import as_finite
 from facelab.geometry.mesh import vertex_normals
+from facelab.looks.light import shaded
+from facelab.looks.lining import Lining
+from facelab.looks.props import face_props, followed
+from facelab.looks.raster import rasterise
 from facelab.segmentation.clusters import renumbered
 
 SKIN = "#e0b49a"
@@ -22,6 +25,8 @@ _REGION_COLORS = (  # after Paul Tol's schemes for colour-blind readers, light e
     *("#6699cc", "#ee8866", "#bbcc33", "#882255", "#77aadd", "#eedd88"),
     *("#117733", "#ffaabb", "#332288", "#dddddd"),
 )
+_FINER = 2  # samples along a pixel
+_MOST_PIXELS = 2400
 _VIEWS = {"front": (0.0, 0.0), "left": (40.0, 0.0), "right": (-40.0, 0.0), "profile": (88.0, 0.0)}
 
 
@@ -54,7 +59,7 @@ def region_colors(regions, like=None):
     return palette[chosen]
 
 
-def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=(), shade=True):
+def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=None, shade=True):
     """Draw a shaded face.
 
     Parameters
@@ -67,8 +72,9 @@ def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=(), shad
         Colour of each vertex, 0 to 1, or one for all; skin if left out.
     view : {"front", "left", "right", "profile"} or (float, float)
         Or azimuth towards the person's left and elevation, degrees.
-    props : iterable of (TriangleMesh, colors)
-        Still parts such as the eyes.
+    props : iterable of `Prop` or (TriangleMesh, colors), optional
+        Eyes and teeth, which follow the face; or still parts. If left out, those that
+        `facelab.looks.face_props` makes for it; () for none.
     shade : bool, default=True
 
     Returns
@@ -86,45 +92,67 @@ def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=(), shad
         ]
     )
     right = np.array([np.cos(azimuth), 0, -np.sin(azimuth)])
-    up = np.cross(ahead, right)
-    plane = np.stack([right, up], axis=1)
-    parts = [_painted(V, mesh.faces, SKIN if colors is None else colors, ahead, right, up, shade)]
-    parts += [_painted(m.vertices, m.faces, c, ahead, right, up, shade) for m, c in props]
-    depth, corners, paint = (np.concatenate(x) for x in zip(*parts, strict=True))
-    order = np.argsort(depth)
-    corners = corners[order] @ plane
-    ax.add_collection(
-        PolyCollection(
-            corners,
-            facecolors=paint[order],
-            edgecolors="face",
-            linewidths=0.4,
-            antialiaseds=False,
-            rasterized=True,
-        ),
-        autolim=False,  # the same limits from all corners at once, in half the time
-    )
-    ax.update_datalim(corners.reshape(-1, 2))
+    axes = np.stack([right, np.cross(ahead, right), ahead])
+    parts = [(V, mesh.faces, SKIN if colors is None else colors, 0.0)]
+    lining = Lining(mesh)
+    if len(lining.faces):
+        parts.append((lining.vertices(V), lining.faces, lining.colors, 0.0))
+    props = face_props(mesh) if props is None else props
+    parts += [(followed(prop, V), *_drawn(prop)) for prop in props]
+    _show(ax, parts, axes, shade)
+    return lambda points: np.atleast_2d(points) @ axes[:2].T
+
+
+def _drawn(prop):
+    """Triangles, colours and gloss of a part."""
+    mesh, colors = prop
+    return mesh.faces, colors, getattr(prop, "gloss", 0.0)
+
+
+def _show(ax, parts, axes, shade):
+    """Draw parts (vertices, faces, colours, gloss) as one picture, in millimetres."""
+    at = np.concatenate([part[0] for part in parts]) @ axes.T
+    start = np.cumsum([0] + [len(part[0]) for part in parts])
+    faces = np.concatenate([part[1] + s for part, s in zip(parts, start, strict=False)])
+    paint = np.concatenate([_paint(part[2], len(part[0])) for part in parts])
+    gloss = np.repeat([part[3] for part in parts], [len(part[0]) for part in parts])
+    normals = np.concatenate([vertex_normals(part[0], part[1]) for part in parts]) @ axes.T
+    low, high = at[faces.ravel(), :2].min(axis=0), at[faces.ravel(), :2].max(axis=0)
+    box = ax.get_window_extent()
+    scale = _FINER * min(np.array([box.width, box.height]) / (high - low))
+    width, height = np.clip(np.ceil(scale * (high - low)).astype(int), 16, _MOST_PIXELS)
+    size = np.array([width, height]) / (high - low)
+    corners = (at[faces, :2] - [low[0], high[1]]) * size * [1, -1]
+    face, weights = rasterise(corners, at[faces, 2], width, height)
+    seen, weights = face >= 0, weights[face >= 0][:, None]
+    own = faces[face[seen]]
+    color, N, gloss = ((weights @ x[own])[:, 0] for x in (paint, normals, gloss[:, None]))
+    N /= np.maximum(np.linalg.norm(N, axis=1, keepdims=True), 1e-9)
+    behind = N[:, 2] < 0  # the inside, seen through an opening
+    if shade:
+        color = shaded(color, np.where(behind[:, None], -N, N), gloss[:, 0])
+    color[behind] *= 0.35
+    image = np.zeros((height, width, 4))
+    image[seen] = np.c_[color, np.ones(len(color))]
+    # few colours make small picture files
+    image = np.round(_halved(image) * 96) / 96
+    ax.imshow(image, extent=(low[0], high[0], low[1], high[1]), interpolation="antialiased")
     ax.set_aspect("equal")
     ax.set_axis_off()
     ax.autoscale_view()
-    return lambda points: np.atleast_2d(points) @ plane
 
 
-def _painted(V, F, colors, ahead, right, up, shade):
-    """Depth (n_faces,), corners (n_faces, 3, 3) and shaded colour (n_faces, 3) of each triangle."""
-    paint = np.tile(to_rgb(colors), (len(V), 1)) if isinstance(colors, str) else np.asarray(colors)
-    paint = paint[F].mean(axis=1)
-    normals = vertex_normals(V, F)[F].mean(axis=1)
-    facing = normals @ ahead
-    # few colours and few degrees of light make small picture files
-    paint = np.round(paint * 64) / 64
-    if shade:
-        key = np.clip(normals @ (0.55 * ahead + 0.5 * up - 0.35 * right), 0, None)
-        light = 0.36 + 0.74 * key + 0.10 * np.clip(facing, 0, 1)
-        paint = np.clip(paint * np.round(light * 32)[:, None] / 32, 0, 1)
-    paint[facing < 0] *= 0.35  # the inside, seen through an opening
-    return (V @ ahead)[F].mean(axis=1), V[F], paint
+def _paint(colors, n):
+    return np.tile(to_rgb(colors), (n, 1)) if isinstance(colors, str) else np.asarray(colors)
+
+
+def _halved(image):
+    """An image of half the size, colours weighted by how opaque they are."""
+    image = np.pad(image, [(0, image.shape[0] % 2), (0, image.shape[1] % 2), (0, 0)])
+    quads = image.reshape(image.shape[0] // 2, 2, -1, 2, 4)
+    opaque = quads[..., 3:].sum(axis=(1, 3))
+    color = (quads[..., :3] * quads[..., 3:]).sum(axis=(1, 3)) / np.maximum(opaque, 1e-9)
+    return np.concatenate([color, opaque / 4], axis=2)
 
 
 def heat_colors(values, limit, cmap="YlGnBu"):
@@ -192,7 +220,7 @@ def draw_curves(ax, x, curves, xlabel, ylabel, **options):
     ax.legend(frameon=False, fontsize=8)
 
 
-def draw_faces(mesh, faces, size=2.0, props=()):
+def draw_faces(mesh, faces, size=2.0, props=None):
     """A row of faces under their names: figure, axes.
 
     Parameters
@@ -250,7 +278,7 @@ def draw_weights(ax, weights, main, named):
     ax.spines["left"].set_bounds(0, 1)
 
 
-def draw_sweep(fit, picks, mesh, sketch, faces, props=(), size=1.5, n_named=3):
+def draw_sweep(fit, picks, mesh, sketch, faces, props=None, size=1.5, n_named=3):
     """A sketch, and what was found for some alphas: faces over their weights: figure, axes.
 
     Parameters

@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from facelab.data.cache import DataUnavailable
-from facelab.data.ict import eye_colors, load_ict_facekit, load_ict_props
+from facelab.data.ict import load_ict_facekit, load_ict_props
 from facelab.data.takes import TAKES, load_take
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+from facelab.looks import face_props
 from facelab.motion import WeightSequence
 from facelab.rig import BlendshapeRig
 
@@ -23,8 +24,8 @@ class Example:
     rig : BlendshapeRig
     train, test : WeightSequence
         Two takes of one performer.
-    props : list of (TriangleMesh, colors)
-        Still parts to show with the face: eyes, the inside of the mouth.
+    props : list of facelab.looks.Prop
+        To show with the face: eyes, teeth, a tongue.
     """
 
     about: str
@@ -61,7 +62,7 @@ def load_example():
 
 
 def synthetic_props(face):
-    """The eyes and the dark of the mouth of a synthetic face, to be shown with it.
+    """Eyes, teeth and a tongue of a synthetic face, to be shown with it.
 
     Parameters
     ----------
@@ -69,23 +70,11 @@ def synthetic_props(face):
 
     Returns
     -------
-    list of (TriangleMesh, colors)
-        Millimetres; colors of shape (n_vertices, 3), 0 to 1. Only the front of the eyeballs.
+    list of facelab.looks.Prop
+        Teeth and tongue go with the jaw.
     """
-    import trimesh
-
-    ball = trimesh.creation.icosphere(4)
-    front = TriangleMesh(ball.vertices, ball.faces).submesh(ball.vertices[:, 2] > 0.3)
-    props = []
-    for centre, radius in face.eyeballs.values():
-        spoke = radius * front.vertices
-        colors = eye_colors(spoke, np.array([0.0, 0.0, 1.0]), iris=5.9)
-        # a little back: lids drawn triangle by triangle would let the white through
-        props.append((front.with_vertices(centre + spoke - [0, 0, 0.6]), colors))
-    lips = face.vertices[face.landmarks[MULTI_PIE.index("mouth_inner_upper")]]
-    # bulging, so that its rim stays inside the cheeks when the jaw drops
-    dark = front.with_vertices(lips + [0, -11, -60] + front.vertices * [36, 32, 36])
-    return [*props, (dark, np.tile((0.28, 0.10, 0.09), (dark.n_vertices, 1)))]
+    marks = dict(zip(MULTI_PIE, face.landmarks.tolist(), strict=True))
+    return face_props(TriangleMesh(face.vertices, face.faces, marks))
 
 
 def _synthetic_example(why):

@@ -17,6 +17,7 @@ from facelab.checks import check_choice
 from facelab.data.cache import cache_dir, download, keep_arrays
 from facelab.files.obj import read_obj, read_obj_vertices
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+from facelab.looks import face_props
 from facelab.rig import BlendshapeRig
 
 _VERSION = 1  # of what is parsed and kept
@@ -101,34 +102,15 @@ def load_ict_facekit(root=None, area="narrow", n_identities=0):
 
 
 def load_ict_props(root=None):
-    """The eyeballs and the inside of the mouth of ICT-FaceKit, to be shown with the face.
+    """Eyes that turn with the look shapes, teeth and a tongue, to be shown with the face.
 
     Returns
     -------
-    list of (TriangleMesh, colors)
-        Millimetres; colors of shape (n_vertices, 3), 0 to 1, chosen here: the source has none.
+    list of facelab.looks.Prop
+        Made by `facelab.looks.face_props`: in the source, eyes do not turn with its shapes.
     """
-    head = load_ict_facekit(root, "all").neutral
-    mouth = head.submesh(np.arange(11248, 13294))
-    props = [(mouth, np.tile((0.28, 0.10, 0.09), (mouth.n_vertices, 1)))]
-    mesh = head.submesh(np.arange(21451, 24591))
-    for piece in (0, 2):  # the cornea's shell of each eye; the others lie within
-        eye = mesh.submesh(mesh.pieces == piece)
-        middle = (eye.vertices.min(axis=0) + eye.vertices.max(axis=0)) / 2
-        spoke = eye.vertices - middle
-        ahead = spoke[np.linalg.norm(spoke, axis=1).argmax()]  # where the cornea bulges
-        props.append((eye, eye_colors(spoke, ahead / np.linalg.norm(ahead), iris=6.6)))
-    return props
-
-
-def eye_colors(spoke, ahead, iris):
-    """White, iris and pupil by distance from the axis of the eye; `iris` is a radius in mm."""
-    off_axis = np.linalg.norm(np.cross(spoke, ahead), axis=1)
-    off_axis[spoke @ ahead < 0] = np.inf
-    colors = np.tile((0.93, 0.92, 0.90), (len(spoke), 1))
-    colors[off_axis < iris] = (0.30, 0.22, 0.16)
-    colors[off_axis < 0.4 * iris] = (0.03, 0.03, 0.03)
-    return colors
+    rig = load_ict_facekit(root)
+    return face_props(rig.neutral, rig)
 
 
 def _ict_arrays(folder, n_identities):

@@ -8,6 +8,7 @@ import numpy as np
 from facelab.checks import as_finite, check_choice, check_count, check_type
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size
+from facelab.looks import followed
 from facelab.models.components import principal_components
 from facelab.models.evaluation import rms_error
 from facelab.motion import MotionSequence
@@ -19,7 +20,7 @@ _STILL = 1e-9  # metres: smaller displacements are left out of sparse targets
 
 
 def write_glb(
-    path, mesh, deltas=None, names=None, times=None, weights=None, interpolation="LINEAR"
+    path, mesh, deltas=None, names=None, times=None, weights=None, interpolation="LINEAR", props=()
 ):
     """Write a face, its morph targets and their animation as GLB, whole or not at all.
 
@@ -42,6 +43,9 @@ def write_glb(
         Of the targets at those times; the face rests at weights of 0 without them.
     interpolation : {"LINEAR", "STEP", "SMOOTH"}
         Between keys. SMOOTH is a cubic spline at rest in every key: 3 s^2 - 2 s^3.
+    props : iterable of Prop or (TriangleMesh, colors)
+        Eyes and teeth, each a mesh of its own. Those that follow the face have the same targets,
+        so that teeth go with the jaw.
 
     Raises
     ------
@@ -82,7 +86,10 @@ def write_glb(
         if not len(deltas):
             raise ValueError("times are given, but no deltas that could be animated.")
     file = _File()
-    file.add_mesh(mesh, deltas, [str(m) for m in names])
+    names = [str(m) for m in names]
+    file.add_mesh(mesh, deltas, names)
+    for prop in props:
+        file.add_prop(prop, mesh.vertices, deltas, names)
     if times is not None:
         file.add_animation(times, weights, interpolation)
     data = file.bytes()
@@ -90,7 +97,7 @@ def write_glb(
         part.write_bytes(data)
 
 
-def write_clip_glb(path, clip, session):
+def write_clip_glb(path, clip, session, props=()):
     """Write a key-framed clip as an animated GLB.
 
     With a blendshape rig its units are the morph targets, names kept; with another model each key
@@ -102,6 +109,8 @@ def write_clip_glb(path, clip, session):
     clip : Clip
     session : PosingSession
         Whose model made the clip's poses.
+    props : iterable of Prop or (TriangleMesh, colors)
+        Eyes and teeth, see `write_glb`.
 
     Raises
     ------
@@ -116,11 +125,11 @@ def write_clip_glb(path, clip, session):
         deltas = session.vertices_of(np.eye(clip.poses.shape[1])) - rest
         model = session.model
         names = [n for r in range(len(model.slices)) for n in model.component_names(r)]
-        write_glb(path, session.neutral, deltas, names, clip.times, clip.poses, way)
+        write_glb(path, session.neutral, deltas, names, clip.times, clip.poses, way, props)
         return
     deltas = session.vertices_of(clip.poses) - session.neutral.vertices
     shares = np.eye(len(clip.times))
-    write_glb(path, session.neutral, deltas, _distinct(clip.names), clip.times, shares, way)
+    write_glb(path, session.neutral, deltas, _distinct(clip.names), clip.times, shares, way, props)
 
 
 def write_motion_glb(path, motion, n_modes=30):
@@ -248,24 +257,54 @@ class _File:
         return len(self._gltf.accessors) - 1
 
     def add_mesh(self, mesh, deltas, names):
+        """The face: the first mesh, of the first node."""
+        self._gltf.meshes.append(self._shape("face", mesh, deltas, names, 0, None))
+        self._animated = [0] if len(deltas) else []
+
+    def add_prop(self, prop, rest, deltas, names):
+        """A part beside the face, with a node, a material and colours of its own."""
+        g, gltf = self._g, self._gltf
+        part, colors = prop
+        moves = len(deltas) and getattr(prop, "move", None) is not None
+        if moves:
+            deltas = np.stack([followed(prop, rest + d) for d in deltas]) - part.vertices
+        else:
+            deltas, names = [], []
+        name = getattr(prop, "name", f"part_{len(gltf.meshes)}")
+        surface = g.PbrMetallicRoughness(
+            metallicFactor=0.0, roughnessFactor=1.0 - 0.8 * getattr(prop, "gloss", 0.0)
+        )
+        gltf.materials.append(g.Material(name=name, doubleSided=True, pbrMetallicRoughness=surface))
+        shape = self._shape(name, part, deltas, names, len(gltf.materials) - 1, colors)
+        if moves:
+            self._animated.append(len(gltf.nodes))
+        gltf.scenes[0].nodes.append(len(gltf.nodes))
+        gltf.nodes.append(g.Node(name=name, mesh=len(gltf.meshes)))
+        gltf.meshes.append(shape)
+
+    def _shape(self, name, mesh, deltas, names, material, colors):
         g = self._g
         position = self._accessor(
             (mesh.vertices * _METRES).astype("<f4"), g.VEC3, g.ARRAY_BUFFER, bounds=True
         )
         normal = self._accessor(_unit_normals(mesh).astype("<f4"), g.VEC3, g.ARRAY_BUFFER)
         index = self._accessor(mesh.faces.ravel().astype("<u4"), g.SCALAR, g.ELEMENT_ARRAY_BUFFER)
+        attributes = g.Attributes(POSITION=position, NORMAL=normal)
+        if colors is not None:  # glTF mixes colours in linear light
+            linear = np.asarray(colors).clip(0, 1) ** 2.2
+            attributes.COLOR_0 = self._accessor(linear.astype("<f4"), g.VEC3, g.ARRAY_BUFFER)
         targets = [{"POSITION": self._target(delta)} for delta in deltas]
         part = g.Primitive(
-            attributes=g.Attributes(POSITION=position, NORMAL=normal),
+            attributes=attributes,
             indices=index,
-            material=0,
+            material=material,
             mode=g.TRIANGLES,
             targets=targets,
         )
-        shape = g.Mesh(name="face", primitives=[part])
+        shape = g.Mesh(name=name, primitives=[part])
         if targets:
             shape.weights, shape.extras = [0.0] * len(targets), {"targetNames": names}
-        self._gltf.meshes.append(shape)
+        return shape
 
     def _target(self, delta):
         delta = (delta * _METRES).astype("<f4")
@@ -292,8 +331,9 @@ class _File:
                 ],
                 channels=[
                     g.AnimationChannel(
-                        sampler=0, target=g.AnimationChannelTarget(node=0, path="weights")
+                        sampler=0, target=g.AnimationChannelTarget(node=node, path="weights")
                     )
+                    for node in self._animated
                 ],
             )
         )

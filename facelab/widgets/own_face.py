@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from facelab.looks import face_props
 from facelab.pipeline import model_from_take
 
 _NOISE = 0.3  # mm per axis, as a capture has it
@@ -50,7 +51,14 @@ def own_face(rig, take=None, n_components=20, n_regions=9):
     arguments = {
         "session": learned.session(),
         "models": {"region": learned.model, "rig": rig},
-        "props": [(mesh, np.tile(_PART, (mesh.n_vertices, 1))) for mesh in still],
+        "props": _shown(rig, still),
         "takes": {} if mixed else {"take": (small.animate(take), take)},
     }
     return arguments, about
+
+
+def _shown(rig, still):
+    """The parts of the file; for a face that has none, eyes and teeth made for it."""
+    if not still:
+        return face_props(rig.neutral, rig)
+    return [(mesh, np.tile(_PART, (mesh.n_vertices, 1))) for mesh in still]

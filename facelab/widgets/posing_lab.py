@@ -5,7 +5,6 @@ from pathlib import Path
 
 import ipywidgets as widgets
 import numpy as np
-from scipy.spatial import cKDTree
 
 from facelab.data.examples import load_example
 from facelab.files.rigs import read_rig
@@ -189,17 +188,8 @@ class PosingLab(Lab):
         view = FaceView(self.session.neutral, self.props, width, height, **kwargs)
         view.on_hover, view.on_press = self._hover, self._press
         view.on_move, view.on_release = self._move, self._release
-        view.names = self._names()
+        view.names = [self.name_of(v) for v in range(self.mesh.n_vertices)]
         return view
-
-    def _names(self):
-        """Names of all vertices: of a landmark or one close by; empty for a mere number."""
-        face = self.session.neutral
-        marks = face.vertices[list(face.landmarks.values())].reshape(-1, 3)
-        if not len(marks):
-            return []
-        near = cKDTree(marks).query(face.vertices, distance_upper_bound=_NEARBY)[0] <= _NEARBY
-        return [self.name_of(v) if near[v] else "" for v in range(face.n_vertices)]
 
     def _build(self):
         self.model_choice = widgets.ToggleButtons(

@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from facelab.geometry.mesh import vertex_normals
+from facelab.looks import Lining, followed
 from facelab.plotting import SKIN
-from facelab.widgets.lining import Lining
 
 _LIGHT = np.array([-0.28, 0.42, 0.86])
 _BACKGROUND = (0.957, 0.957, 0.949)
@@ -21,8 +21,8 @@ class Thumbnails:
     ----------
     mesh : TriangleMesh
         The face at rest; it fills the picture.
-    props : iterable of (TriangleMesh, colors)
-        Still parts such as the eyes.
+    props : iterable of Prop or (TriangleMesh, colors)
+        Eyes and teeth.
     width, height : int
         Pixels.
     """
@@ -40,7 +40,9 @@ class Thumbnails:
         skin = np.tile(to_rgb(SKIN), (len(vertices), 1))
         parts = [(vertices, self._mesh.faces, skin, 1.0)]
         parts.append((lining.vertices(vertices), lining.faces, lining.colors, 0.0))
-        parts += [(m.vertices, m.faces, c, 1.0) for m, c in self._props]
+        for prop in self._props:
+            mesh, colors = prop
+            parts.append((followed(prop, vertices), mesh.faces, colors, 1.0))
         drawn = [self._fragments(*part) for part in parts]
         pixel, depth, color = (np.concatenate(a) for a in zip(*drawn, strict=True))
         order = np.argsort(depth)  # what is written last stands in front

@@ -16,9 +16,10 @@ import scipy.sparse as sp
 from matplotlib.colors import to_hex, to_rgb
 
 from facelab.geometry.mesh import normals_operator, vertex_normals_by
+from facelab.looks import Lining
 from facelab.plotting import SKIN
 from facelab.widgets.hand import Hand, packed_riders
-from facelab.widgets.lining import Lining
+from facelab.widgets.props import PropMeshes
 
 _TARGET = (1.0, 0.85, 0.0)
 _FOV = 18.0  # degrees: a long lens, so that a face looks as from across a table
@@ -35,8 +36,9 @@ class FaceView:
     ----------
     mesh : TriangleMesh
         The face, millimetres.
-    props : iterable of (TriangleMesh, colors)
-        Still parts such as eyes and teeth; colors of shape (n_vertices, 3), 0 to 1.
+    props : iterable of Prop or (TriangleMesh, colors)
+        Eyes and teeth (`facelab.looks.face_props`), which follow the face; or still parts, with
+        colors of shape (n_vertices, 3), 0 to 1.
     width, height : int
         Size of the canvas, pixels. It grows with the room that the page has, in proportion.
     linked_to : FaceView, optional
@@ -76,14 +78,14 @@ class FaceView:
         self._proportions = width / height
         self._build_face()
         self._reserve_points(0)
-        still = [_still(part, colors) for part, colors in props]
+        self._props = PropMeshes(props)
         if linked_to is None:
             self._build_camera(width / height)
             self._grip = SimpleNamespace(press=None, hand=None)  # what holds any linked view
         else:
             self._share_camera(linked_to)
         head = three.Group(  # all that is told in the head frame
-            children=[self._face, self._cloud, *still],
+            children=[self._face, self._cloud, *self._props.meshes],
             position=(-self._middle).tolist(),
         )
         self._scene = three.Scene(children=[head, *self._lights()], background="#f4f4f2")
@@ -95,7 +97,7 @@ class FaceView:
             width=width,
             height=height,
         )
-        self._hand = self._new_hand(renderer, still, width, height)
+        self._hand = self._new_hand(renderer, width, height)
         self.on_hover = self.on_press = None
         self.widget = widgets.Box([renderer, self._hand])
         self.widget.add_class("facelab-face")
@@ -168,7 +170,7 @@ class FaceView:
 
     # --- what the mouse does ----------------------------------------------------------------------
 
-    def _new_hand(self, renderer, still, width, height):
+    def _new_hand(self, renderer, width, height):
         here = {
             "renderer": renderer,
             "camera": self._camera,
@@ -180,7 +182,7 @@ class FaceView:
         ids = {name: widget.model_id for name, widget in here.items()}
         return Hand(
             self._hear,
-            ids={**ids, "parts": [part.model_id for part in still]},
+            ids={**ids, "parts": [part.model_id for part in self._props.meshes]},
             middle=self._middle.tolist(),
             n_vertices=self._n,
             n_faces=len(self.mesh.faces),
@@ -339,6 +341,7 @@ class FaceView:
         self._V, self._N = np.asarray(vertices), None
         self._position.array = self._lined(self._V)
         self._normal.array = self._with_lining(self.normals, self._lining.normals)
+        self._props.follow(self._V)
 
     def show_pins(self, pins, colors=None, takes=True):
         """Draw pins: a dark dot on each vertex, a coloured one on its target, a line between.
@@ -426,22 +429,6 @@ class FaceView:
         right = np.cross([0, 1, 0], back)
         right /= np.linalg.norm(right)
         return np.stack([right, np.cross(back, right), back])
-
-
-def _still(mesh, colors):
-    geometry = three.BufferGeometry(
-        attributes={
-            "position": three.BufferAttribute(_f32(mesh.vertices)),
-            "normal": three.BufferAttribute(_f32(mesh.normals)),
-            "color": three.BufferAttribute(_f32(colors)),
-            "index": three.BufferAttribute(mesh.faces.ravel().astype(np.uint32), normalized=False),
-        }
-    )
-    wet = np.max(colors) > 0.5  # eyes shine, the dark of the mouth does not
-    material = three.MeshStandardMaterial(
-        vertexColors="VertexColors", roughness=0.25 if wet else 1.0, metalness=0.0
-    )
-    return three.Mesh(geometry, material)
 
 
 def _disc(size=32):

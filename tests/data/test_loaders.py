@@ -10,7 +10,7 @@ from facelab.data import cache
 from facelab.data import ict as ict_module
 from facelab.data.actors import load_template
 from facelab.data.cache import DataUnavailable
-from facelab.data.examples import load_example, synthetic_props
+from facelab.data.examples import load_example
 from facelab.data.ict import load_ict_facekit, load_ict_props
 from facelab.data.markers import MARKERS, load_markers
 from facelab.data.takes import TAKES, load_take
@@ -400,20 +400,3 @@ def test_a_download_is_checked_against_its_sum(empty_machine, monkeypatch, tmp_p
     ((url, known_hash),) = asked
     assert url.startswith("https://") and url.endswith("/alex_rom_4.csv")
     assert known_hash == f"sha256:{TAKES['alex_rom_4']}"
-
-
-def test_the_props_of_a_synthetic_face_lie_behind_its_skin():
-    from data_synth.actors import ACTORS
-    from data_synth.template import build_template
-
-    for actor in ACTORS.values():
-        face = build_template(actor.anatomy, 3000)
-        *eyes, (dark, colors) = synthetic_props(face)
-        for (eye, _), (centre, radius) in zip(eyes, face.eyeballs.values(), strict=True):
-            away = np.linalg.norm(eye.vertices + [0, 0, 0.6] - centre, axis=1)
-            np.testing.assert_allclose(away, radius)
-        assert colors.shape == dark.vertices.shape and (colors < 0.3).all()
-        # the skin nearest to each vertex in the picture plane lies in front of it
-        skin, points = face.vertices, dark.vertices
-        gaps = np.linalg.norm(skin[None, :, :2] - points[:, None, :2], axis=2)
-        assert (skin[gaps.argmin(axis=1), 2] > points[:, 2] + 5).all()

@@ -1,0 +1,181 @@
+"""Eyes, teeth and a tongue for a face that came without: seen beside the skin, never computed with.
+
+They are made here, not data. Each follows the face as it is posed: the upper teeth stay with the
+skull, lower teeth and tongue go with the jaw, eyes turn with the rig's gaze.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from facelab.geometry.mesh import TriangleMesh
+from facelab.looks.eyes import IRIS, ball_mesh, fitted_ball, turned
+from facelab.looks.gaze import Gaze
+from facelab.looks.jaw import Jaw
+from facelab.looks.openings import SIDES, eye_opening, mouth_opening
+from facelab.looks.teeth import row_of_teeth, tongue
+
+_LIP_BEHIND = 0.9  # mm between teeth and lips at rest
+_FEWEST = 12  # vertices of a rim: coarse lids would cut into a ball
+_NEEDED = {
+    *(f"eye_{side}_{end}" for side in SIDES for end in ("inner", "outer")),
+    *("mouth_corner_left", "mouth_corner_right", "chin"),
+}
+_made = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class Prop:
+    """A part that is shown with a face; it unpacks to (mesh, colors), as still parts are given.
+
+    Parameters
+    ----------
+    name : str
+        Such as `eye_left`.
+    mesh : TriangleMesh
+        With the face at rest, millimetres.
+    colors : ndarray of shape (n_vertices, 3)
+        0 to 1.
+    move : callable, optional
+        Takes the vertices of the face, shape (n, 3), to those of the part; it is still without.
+    gloss : float
+        0 for skin, 1 for what is wet.
+    """
+
+    name: str
+    mesh: TriangleMesh
+    colors: np.ndarray
+    move: Callable | None = field(default=None, repr=False)
+    gloss: float = 0.0
+
+    def __iter__(self):
+        return iter((self.mesh, self.colors))
+
+
+def followed(prop, vertices):
+    """Vertices of a part for a face at `vertices`, both of shape (n, 3), millimetres.
+
+    Parameters
+    ----------
+    prop : Prop or (TriangleMesh, colors)
+        A pair is a still part.
+    """
+    mesh, _ = prop
+    move = getattr(prop, "move", None)
+    return mesh.vertices if move is None else move(vertices)
+
+
+def face_props(face, rig=None, iris=IRIS):
+    """Eyes, teeth and a tongue that fit a face.
+
+    Parameters
+    ----------
+    face : TriangleMesh
+        At rest, head frame, millimetres, with landmarks: the corners of the eyes and of the mouth,
+        and the chin. Without them, or of a head in pieces, which has eyes of its own, nothing is
+        made; nor are eyes where nothing is open between the lids.
+    rig : BlendshapeRig, optional
+        On this mesh: the eyes turn as its look shapes move the lids.
+    iris : str
+        A colour.
+
+    Returns
+    -------
+    list of Prop
+
+    Examples
+    --------
+    >>> import facelab
+    >>> [prop.name for prop in face_props(facelab.load_template())]
+    ['eye_left', 'eye_right', 'teeth_upper', 'teeth_lower', 'tongue']
+    """
+    key = None if rig is None else id(rig), iris
+    made = _made.setdefault(face, {})
+    if key not in made:
+        fits = _NEEDED <= set(face.landmarks) and _upright(face) and not face.pieces.any()
+        made[key] = _eyes(face, rig, iris) + _mouth(face) if fits else []
+    return list(made[key])
+
+
+def _eyes(face, rig, iris):
+    props = []
+    for side in SIDES:
+        opening = eye_opening(face, side)
+        if opening is None or len(opening.rim) < _FEWEST:
+            continue
+        centre, radius = fitted_ball(face.vertices[opening.rim], opening.width, face.vertices)
+        ball, colors = ball_mesh(radius, iris)
+        props.append(
+            Prop(
+                f"eye_{side}",
+                ball.with_vertices(ball.vertices + centre),
+                colors,
+                None if rig is None else _looking(ball.vertices, centre, rig, side),
+                1.0,
+            )
+        )
+    return props
+
+
+def _looking(points, centre, rig, side):
+    """How an eye turns with the rig's look shapes; None where it has none."""
+    gaze = Gaze(rig, centre, side)
+    return (lambda V: centre + turned(points, *gaze.angles(V))) if gaze.found else None
+
+
+def _mouth(face):
+    opening, V = mouth_opening(face), face.vertices
+    scale = opening.width / 50
+    at = _lips_meet(face, opening, scale)
+    level = _eye_level(face)
+    tall = level - V[face.landmarks["chin"]][1]
+    # the condyles sit before the ears, a little below the eyes
+    joint = np.array([at[0], level - 0.11 * tall, at[2] - 0.78 * tall])
+    jaw = Jaw(V, face.landmarks["chin"], joint)
+    props = []
+    for name, (mesh, colors), gloss in (
+        ("teeth_upper", row_of_teeth(True, scale), 0.55),
+        ("teeth_lower", row_of_teeth(False, scale), 0.55),
+        ("tongue", tongue(scale), 0.3),
+    ):
+        mesh = mesh.with_vertices(mesh.vertices + at)
+        props.append(
+            Prop(name, mesh, colors, None if name == "teeth_upper" else _with(jaw, mesh), gloss)
+        )
+    return props
+
+
+def _eye_level(face):
+    return np.mean([face.vertices[face.landmarks[n]][1] for n in _NEEDED if n.startswith("eye")])
+
+
+def _upright(face):
+    """Whether a face stands in the head frame: left to the right of the picture, eyes above."""
+    V, marks = face.vertices, face.landmarks
+    across = V[marks["mouth_corner_left"]] - V[marks["mouth_corner_right"]]
+    up = _eye_level(face) - V[marks["chin"]][1]
+    return across[0] > 0.8 * np.linalg.norm(across) > 0 and up > 0.8 * np.linalg.norm(across)
+
+
+def _with(jaw, mesh):
+    return lambda V: jaw.motion(V).apply(mesh.vertices)
+
+
+def _lips_meet(face, opening, scale):
+    """Where the lips meet in the middle, moved back to where the upper front teeth are."""
+    V, marks = face.vertices, face.landmarks
+    middle = (opening.corners[0] + opening.corners[1]) / 2
+    inner = [V[marks[n]] for n in ("mouth_inner_upper", "mouth_inner_lower") if n in marks]
+    if not inner:
+        lips = [V[marks[n]][2] for n in ("lip_upper", "lip_lower") if n in marks]
+        inner = [[middle[0], middle[1], np.mean(lips or middle[2]) - 3 * scale]]
+    at = np.mean(inner, axis=0)
+    at[0] = middle[0]
+    # skin before the front teeth, as far back as it reaches there
+    off = (V - at) / scale
+    lips = (np.abs(off[:, 0]) < 11) & (np.abs(off[:, 1]) < 8) & (off[:, 2] > -9)
+    front = V[lips, 2] + 0.012 * (V[lips, 0] - at[0]) ** 2 / scale
+    at[2] = min(at[2], front.min(initial=at[2])) - _LIP_BEHIND * scale
+    return at

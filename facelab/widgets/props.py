@@ -1,0 +1,64 @@
+"""Eyes and teeth in the page: meshes beside the face, which follow it when it is shown anew."""
+
+import numpy as np
+import pythreejs as three
+
+from facelab.geometry.mesh import vertex_normals
+from facelab.looks import followed
+
+
+class PropMeshes:
+    """What is shown beside a face.
+
+    Parameters
+    ----------
+    props : iterable of Prop or (TriangleMesh, colors)
+        Pairs are still parts.
+
+    Attributes
+    ----------
+    meshes : list of pythreejs.Mesh
+    """
+
+    def __init__(self, props):
+        self.meshes, self._moving = [], []
+        for prop in props:
+            mesh, colors = prop
+            position, normal = (
+                three.BufferAttribute(_f32(x)) for x in (mesh.vertices, mesh.normals)
+            )
+            self.meshes.append(_mesh(prop, mesh, colors, position, normal))
+            if getattr(prop, "move", None) is not None:
+                self._moving.append((prop, mesh.faces, position, normal))
+
+    def follow(self, vertices):
+        """Move them with a face at `vertices`, shape (n, 3), millimetres."""
+        for prop, faces, position, normal in self._moving:
+            V = _f32(followed(prop, vertices))
+            if not np.array_equal(V, position.array):  # nothing is sent of what rests
+                position.array, normal.array = V, _f32(vertex_normals(V, faces))
+
+
+def _mesh(prop, mesh, colors, position, normal):
+    index = three.BufferAttribute(mesh.faces.ravel().astype(np.uint32), normalized=False)
+    geometry = three.BufferGeometry(
+        attributes={
+            "position": position,
+            "normal": normal,
+            "color": three.BufferAttribute(_f32(colors)),
+            "index": index,
+        }
+    )
+    # of still parts of a file, the bright ones shine
+    gloss = getattr(prop, "gloss", float(np.max(colors) > 0.5))
+    material = three.MeshStandardMaterial(
+        vertexColors="VertexColors",
+        roughness=1.0 - 0.78 * gloss,
+        metalness=0.0,
+        side="DoubleSide",
+    )
+    return three.Mesh(geometry, material, frustumCulled=False)
+
+
+def _f32(array):
+    return np.ascontiguousarray(array, dtype=np.float32)
