@@ -94,7 +94,7 @@ def test_an_error_is_shown_in_the_page_and_goes_away(take, monkeypatch):
 
     monkeypatch.setattr(player.view, "show", broken)
     player.slider.value = 2
-    assert "RuntimeError: no &lt;paint&gt; left" in player._message.value
+    assert "no &lt;paint&gt; left" in player._message.value
     np.testing.assert_array_equal(skin(player), before)
     monkeypatch.undo()
     player.slider.value = 3

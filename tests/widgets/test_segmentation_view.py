@@ -110,7 +110,7 @@ def test_an_error_is_shown_in_the_page_the_last_cut_stays_and_the_error_goes_awa
 
     monkeypatch.setattr(Affinity, "segment", broken)
     view.lam.value = 0.2
-    assert "RuntimeError: no &lt;regions&gt; left" in view._message.value
+    assert "no &lt;regions&gt; left" in view._message.value
     assert view.regions is before
     np.testing.assert_array_equal(colors_of(view), colors)
     monkeypatch.undo()
