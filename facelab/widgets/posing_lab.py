@@ -183,6 +183,11 @@ class PosingLab(Lab):
         """The session that has the pins."""
         return self.session
 
+    @property
+    def pinned_face(self):
+        """The face that the pins pull, shape (n_vertices, 3), millimetres."""
+        return self.session.vertices
+
     # --- the page ---------------------------------------------------------------------------------
 
     def _new_view(self, width, height, **kwargs):
@@ -357,6 +362,7 @@ class PosingLab(Lab):
 
     def _show_pins(self):
         pins = self.session.pins if self.frame is None else {}
+        pins = {v: t for v, t in pins.items() if v not in self.session.hidden}
         locked = self.session.locked
         colors = [_LOCKED if v in locked else _FREE for v in pins]
         for view, _ in self._answers:
