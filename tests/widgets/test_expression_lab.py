@@ -220,7 +220,7 @@ def test_a_take_is_scrubbed_frame_by_frame(lab, rig):
     np.testing.assert_allclose(lab.session.sketch, rig.shape(TRUTH), atol=1e-9)
     assert shows_the_session(lab)
     lab.frame.value = 2
-    assert "frame=2 was lost" in lab._message.value and lab.frame.value == 1
+    assert "frame 2 was lost" in lab._message.value and lab.frame.value == 1
     lab.undo.click()
     assert lab.source.value == "take" and lab.frame.value == 0
     lab.undo.click()
