@@ -31,7 +31,7 @@ _UNITS_OF_LENGTH = {"own": None, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 _KEYS = {"Z": "undo", "Y": "redo", "B": "best sum of the weights"}
 _HINT = (
     "Left: the sketch. Drag a point of it to change it; drag beside it to turn both faces. "
-    "Right: the face that the units below make of it."
+    "Right: the face that the units make of it."
 )
 
 
@@ -97,6 +97,7 @@ class ExpressionLab(Lab):
         self._props, self._size = list(props), (width, height)
         self.sketch_view = FaceView(mesh, props, width, height)
         self.view = FaceView(mesh, props, width, height, linked_to=self.sketch_view)
+        self.sketch_view.names = self.places.names
         self.sketch_view.on_press = self._press
         self.sketch_view.on_move = self._move
         self.sketch_view.on_release = self._release
@@ -251,6 +252,10 @@ class ExpressionLab(Lab):
         self._show_answer()
         self._show_difference()
         self._sort()
+
+    def picture(self):
+        """The face that the units make, for where the lab does not run: bytes of a PNG."""
+        return Thumbnails(self.mesh, self._props, *self._size).png(self.session.vertices)
 
     @property
     def mesh(self):
