@@ -337,7 +337,7 @@ def test_where_it_does_not_run_a_notebook_has_a_picture_and_says_press_run(which
 
 
 def test_another_face_in_the_same_page_leaves_nothing_of_the_first(lab, parts):
-    model, rig = parts
+    _, rig = parts
     page, first = lab.widget, lab.session
     other = PosingSession(rig, rig.neutral.with_vertices(rig.neutral.vertices * 1.1))
     lab.take_up(other)
