@@ -9,8 +9,9 @@ import numpy as np
 from facelab.checks import check_choice, check_index, check_number, check_type
 from facelab.expression.reading import find_units
 from facelab.expression.regression import CRITERIA, LAMS, ExpressionFit, regress_expression
+from facelab.expression.sketch_pins import NO_PINS, SketchPins, fixed_positions
 from facelab.expression.transfer import IntermediateSpace
-from facelab.expression.units import as_basis, sketch_positions
+from facelab.expression.units import as_basis
 from facelab.files.meshes import read_mesh
 from facelab.files.obj import write_obj
 from facelab.files.poses import save_pose
@@ -61,6 +62,12 @@ class ExpressionState:
         Units held at 0.
     fit : ExpressionFit
         The whole path over alpha.
+    pulls : mapping of int to tuple of 3 floats
+        Pins of a sketch that was pulled by hand: how far each vertex was pulled, millimetres.
+    hidden : frozenset of int
+        Pins that are not drawn.
+    called : mapping of int to str
+        Names given to pins.
     """
 
     sketch: np.ndarray = field(repr=False)
@@ -74,6 +81,9 @@ class ExpressionState:
     locked: MappingProxyType
     excluded: frozenset
     fit: ExpressionFit = field(default=None, repr=False)
+    pulls: MappingProxyType = field(default_factory=dict)
+    hidden: frozenset = frozenset()
+    called: MappingProxyType = field(default_factory=dict)
 
     def same(self, other):
         """Whether nothing differs that the weights depend on."""
@@ -85,7 +95,7 @@ class ExpressionState:
 
 
 @has_history
-class ExpressionSession:
+class ExpressionSession(SketchPins):
     """Find the action units of a sketch, step by step, with undo.
 
     A step that fails (a sketch with NaN, of another face, not aligned) changes nothing. The whole
@@ -138,7 +148,7 @@ class ExpressionSession:
         self.dropped = frozenset(self.basis.dropped)
         self._shown = None, None  # a state and its displacements
         start = ExpressionState(
-            sketch=_positions(self.rig.neutral if sketch is None else sketch),
+            sketch=fixed_positions(self.rig.neutral if sketch is None else sketch),
             origin="neutral" if sketch is None else origin,
             alpha=None,
             lam=check_number(lam, "lam", *LAMS),
@@ -239,7 +249,7 @@ class ExpressionSession:
 
     # --- the sketch -------------------------------------------------------------------------------
 
-    def load(self, sketch, origin="sketch", live=False):
+    def load(self, sketch, origin="sketch", live=False, pulled=None):
         """Take another sketch; all settings stay.
 
         Parameters
@@ -252,6 +262,9 @@ class ExpressionSession:
         live : bool, default=False
             While the sketch is still being drawn: a stroke of such calls is one step of undo,
             ended by `settle`.
+        pulled : int, optional
+            The vertex by which the present sketch was pulled (`Sculpt`) to make this one; it
+            becomes a pin. Pins of another sketch go.
 
         Raises
         ------
@@ -260,7 +273,11 @@ class ExpressionSession:
             (unless `set(align=...)` says otherwise); nothing changes.
         """
         check_type(origin, "origin", str, "say in words where the sketch came from")
-        self._step("sketch" if live else None, sketch=_positions(sketch), origin=origin)
+        V, marks = fixed_positions(sketch), dict(NO_PINS)
+        if pulled is not None:
+            went = V[pulled] - self.sketch[pulled]
+            marks = {"pulls": self._pulls_and(pulled, went)}
+        self._step("sketch" if live else None, sketch=V, origin=origin, **marks)
 
     def load_file(self, path, scale=None, origin=None):
         """Take the mesh of an OBJ, PLY, GLB, glTF or STL file as the sketch.
@@ -500,9 +517,3 @@ class ExpressionSession:
                     f"path={str(path)!r}: end it in .csv, .livelink.csv, .json or .obj."
                 )
         return " ".join(str(w.message) for w in said)
-
-
-def _positions(sketch):
-    V = sketch_positions(sketch).copy()
-    V.flags.writeable = False
-    return V

@@ -58,6 +58,11 @@ class Sculpt:
         held = self.history.live
         return {} if held is None else {held[0]: held[1].copy()}
 
+    def follow(self, vertex):
+        """Share by which each vertex follows a pulled one, shape (n_vertices,)."""
+        g = dijkstra(self.mesh.adjacency, directed=False, indices=vertex, limit=self.radius)
+        return np.maximum(1 - (g / self.radius) ** 2, 0) ** 2  # g is inf beyond the radius
+
     def press(self, vertex):
         """Take hold of a vertex where it is.
 
@@ -69,8 +74,7 @@ class Sculpt:
         """
         vertex = check_index(vertex, "vertex", self.mesh.n_vertices, "vertices of the face")
         self.release()
-        g = dijkstra(self.mesh.adjacency, directed=False, indices=vertex, limit=self.radius)
-        follow = np.maximum(1 - (g / self.radius) ** 2, 0) ** 2  # g is inf beyond the radius
+        follow = self.follow(vertex)
         self.history.live = vertex, self.state[vertex].copy(), follow
         return follow[:, None, None] * np.eye(3)
 

@@ -170,6 +170,10 @@ class PosingSession(PinEdits, Molding):
         """The shown face for coefficients (P,) or (n, P): (n_vertices, 3) or (n, n_vertices, 3)."""
         return self._face.vertices(self.state, coefficients)
 
+    def vertices_in(self, state):
+        """The shown face in a `PoseState`, of any model: (n_vertices, 3), millimetres."""
+        return self._face.vertices(state, state.coefficients)
+
     @property
     def pins(self):
         """Pinned vertices of the shown face and their targets: dict of int to ndarray (3,)."""

@@ -3,6 +3,7 @@
 import base64
 import functools
 from pathlib import Path
+from types import SimpleNamespace
 
 import ipywidgets as widgets
 import matplotlib
@@ -12,20 +13,25 @@ from matplotlib.colors import to_hex
 from facelab.checks import check_type
 from facelab.expression.regression import CRITERIA
 from facelab.expression.session import ALPHAS, BOUNDS, ExpressionSession
+from facelab.expression.sketch_pins import BY_HAND
 from facelab.motion import MotionSequence
 from facelab.posing.sculpt import Sculpt
 from facelab.posing.session import PosingSession
 from facelab.widgets.expression_parts import AlphaCurve, UnitBars
-from facelab.widgets.page import Page, path_in, quiet, shows_errors, uploaded, written
+from facelab.widgets.lab import WIDTH, Lab, button, row
+from facelab.widgets.page import path_in, quiet, shows_errors, uploaded, written
+from facelab.widgets.pins import PinPanel
+from facelab.widgets.step_words import expression_step
 from facelab.widgets.thumbnail import Thumbnails
 from facelab.widgets.viewer import FaceView
 
 _COLORS = "YlGnBu"
 _PICTURE = (60, 66)  # pixels
 _UNITS_OF_LENGTH = {"own": None, "mm": 1.0, "cm": 10.0, "m": 1000.0}
+_KEYS = {"Z": "undo", "Y": "redo", "B": "best sum of the weights"}
 _HINT = (
     "Left: the sketch. Drag a point of it to change it; drag beside it to turn both faces. "
-    "Right: the face that the units below make of it."
+    "Right: the face that the units make of it."
 )
 
 
@@ -43,7 +49,7 @@ def _own(method):
     return shows_errors(acting)
 
 
-class ExpressionLab(Page):
+class ExpressionLab(Lab):
     """A page in which a sketched expression is explained by action units.
 
     Parameters
@@ -78,7 +84,7 @@ class ExpressionLab(Page):
     _after_error = "Sketch and weights are as they were."
 
     def __init__(
-        self, session, sketches=None, others=None, props=(), folder=".", width=290, height=330
+        self, session, sketches=None, others=None, props=(), folder=".", width=250, height=285
     ):
         self.session = check_type(session, "session", ExpressionSession, "ExpressionSession(rig)")
         mesh = session.rig.neutral
@@ -91,12 +97,14 @@ class ExpressionLab(Page):
         self._props, self._size = list(props), (width, height)
         self.sketch_view = FaceView(mesh, props, width, height)
         self.view = FaceView(mesh, props, width, height, linked_to=self.sketch_view)
+        self.sketch_view.names = self.places.names
         self.sketch_view.on_press = self._press
         self.sketch_view.on_move = self._move
         self.sketch_view.on_release = self._release
         self._puller = self._other_view = self._rms = None
         self._other_note = ""
         self._painted = self._pulling = self._acting = False
+        self._begin()
         self._build_parts()
         self._build_page()
         self.refresh()
@@ -109,85 +117,90 @@ class ExpressionLab(Page):
         units = [
             {
                 "name": name,
-                "tip": f"{name}: {np.linalg.norm(rig.deltas[k], axis=1).max():.1f} mm at weight 1",
+                "tip": f"{name}: {self.places.motion(rig.deltas[k]) or 'moves the face'}, "
+                f"{np.linalg.norm(rig.deltas[k], axis=1).max():.1f} mm at weight 1",
                 "picture": base64.b64encode(draw(rig.neutral.vertices + rig.deltas[k])).decode(),
             }
             for k, name in enumerate(rig.names)
         ]
         self.bars = UnitBars(units, self._edit)
         self.curve = AlphaCurve(ALPHAS, self._choose_alpha)
-        narrow = {"style": {"description_width": "52px"}, "layout": {"width": "330px"}}
+        wide = {"style": {"description_width": "96px"}, "layout": {"width": WIDTH}}
         self.lam = widgets.FloatLogSlider(
             value=self._lam_shown(), min=-3, max=1, step=0.05, readout_format=".3g",
-            description="λ (mm)", **narrow,
+            description="Hold sum λ (mm)", **wide,
         )  # fmt: skip
         self.lam.tooltip = "How strongly the sum of the weights is held to α"
-        self.bounds = widgets.ToggleButtons(
-            options=list(BOUNDS), style={"button_width": "107px"}, tooltip="Bounds of the weights"
-        )
-        self.criterion = widgets.Dropdown(options=CRITERIA, description="best by", **narrow)
+        self.bounds = widgets.Dropdown(options=list(BOUNDS), description="Weights", **wide)
+        self.bounds.tooltip = "Between which ends the weights may lie"
+        self.criterion = widgets.Dropdown(options=CRITERIA, description="Best by", **wide)
+        self.criterion.tooltip = "How the best sum α is chosen"
         self.align, self.clamp, self.difference = (
-            widgets.Checkbox(description=text, indent=False, layout={"width": "330px"})
-            for text in (
-                "take motion of the whole head out",
-                "stop vertices at their boundary",
-                "colour by distance to the sketch",
-            )
-        )
-        self.best, self.undo, self.redo, self.free = (
-            widgets.Button(description=text, tooltip=tip, layout={"width": "80px"})
+            widgets.Checkbox(description=text, tooltip=tip, indent=False, layout={"width": WIDTH})
             for text, tip in (
-                ("Best α", "Follow the best α"),
-                ("Undo", "One step back"),
-                ("Redo", "One step forward again"),
-                ("Free all", "Let go of all locked and excluded units"),
+                ("take motion of the whole head out", "Of the sketch, before it is read"),
+                ("stop vertices at their boundary", "The furthest that any one unit moves them"),
+                ("colour by distance to the sketch", "Dark: far from it"),
             )
         )
-        wide = {"layout": {"width": "300px"}, "style": {"description_width": "52px"}}
-        self.source = widgets.Dropdown(options=self._sources(), description="sketch", **wide)
-        self.frame = widgets.IntSlider(description="frame", **wide)
-        self.unit = widgets.Dropdown(options=list(_UNITS_OF_LENGTH), layout={"width": "64px"})
-        self.upload = widgets.FileUpload(
-            accept=".obj,.ply,.glb,.stl", description="mesh file in", layout={"width": "130px"}
+        self.undo = button("Undo", "One step back", self._press_button)
+        self.redo = button("Redo", "One step forward again", self._press_button)
+        self.best = button("Best α", "Follow the best sum of the weights", self._press_button)
+        self.free = button(
+            "Free all", "Let go of all locked and excluded units", self._press_button
         )
+        self.sorted = widgets.Checkbox(
+            description="strongest first", tooltip="Order the units by what they do to the face",
+            indent=False, layout={"width": WIDTH},
+        )  # fmt: skip
+        self.source = widgets.Dropdown(options=self._sources(), description="Sketch", **wide)
+        self.frame = widgets.IntSlider(description="Frame", **wide)
+        self.unit = widgets.Dropdown(
+            options=list(_UNITS_OF_LENGTH), layout={"width": "64px"},
+            tooltip="Unit of length of the file; own: as it says itself",
+        )  # fmt: skip
+        self.upload = widgets.FileUpload(
+            accept=".obj,.ply,.glb,.stl", description="Open a mesh in", layout={"width": "auto"},
+            tooltip="A sketch from a file, with the vertices of this face",
+        )  # fmt: skip
         self.other = widgets.Dropdown(
-            options=["", *self.others], description="also on", **wide,
-            disabled=not self.others,
-        )  # fmt: skip
-        self.file = widgets.Text("expression.csv", layout={"width": "200px"})
-        self.save = widgets.Button(
-            description="Save", icon="save", layout={"width": "79px"},
-            tooltip=".csv: a table; .livelink.csv: ARKit names; .json: a pose; .obj: the face",
-        )  # fmt: skip
-        self._build_messages()
-        self._key, self._sum = widgets.HTML(), widgets.HTML()
+            options=["", *self.others], description="Also on", disabled=not self.others, **wide
+        )
+        for each in (self.source, self.frame, self.other):
+            each.style.description_width = "54px"
+        self.file = widgets.Text("expression.csv", layout={"width": "60%"})
+        self.save = button(
+            "Save",
+            ".csv: a table; .livelink.csv: ARKit names; .json: a pose; .obj: the face",
+            self._save,
+        )
+        self._key, self._sum, self._result = widgets.HTML(), widgets.HTML(), widgets.HTML()
+        self.pins = PinPanel(self)
 
     def _build_page(self):
-        top = widgets.HBox([self.source, self.frame, self.upload, self.unit])
-        self._views = widgets.HBox(
-            [self.sketch_view.widget, self.view.widget],
-            layout={
-                "width": f"{2 * self._size[0] + 8}px",
-                "flex_flow": "row wrap",
-                "grid_gap": "6px",
-            },
-        )
-        panel = widgets.VBox(
-            [
-                *(self.curve, self._sum, self.lam, self.bounds, self.criterion),
-                widgets.HBox([self.best, self.undo, self.redo, self.free]),
-                *(self.difference, self._key, self.clamp, self.align),
-            ],
-            layout={"width": "350px", "padding": "0 0 0 8px"},
-        )
-        out = widgets.HBox([self.other, self.file, self.save])
-        self.widget = widgets.VBox(
-            [
-                *(top, self._message),
-                widgets.HBox([self._views, panel], layout={"flex_flow": "row wrap"}),
-                *(self._status, self.bars, out),
-            ]
-        )
+        self._views = widgets.HBox([self.sketch_view.widget, self.view.widget])
+        self._views.add_class("facelab-views-row")
+        above = [
+            *(self.source, self.frame, self.curve, self._sum),
+            row(self.undo, self.redo, self.best, self.free),
+        ]
+        fit = self.lam, self.bounds, self.criterion, self.clamp, self.align
+        out = "Saved beside the notebook: .csv, .livelink.csv, .json or .obj"
+        panels = {
+            "Units": [self.sorted, self.bars],
+            "Pins": [self.pins.widget],
+            "Fit": fit,
+            "View": [self.other, self.difference, self._key],
+            "Files": [row(self.upload, self.unit), widgets.Label(out)]
+            + [row(self.file, self.save), self._result],
+        }
+        panels = {name: SimpleNamespace(widget=widgets.VBox([*p])) for name, p in panels.items()}
+        reactions = {
+            **dict.fromkeys(("z", "Ctrl+z"), self.undo.click),
+            **dict.fromkeys(("y", "Ctrl+y"), self.redo.click),
+            "b": self.best.click,
+        }
+        self._lay_out([self._views], above, panels, reactions, _KEYS)
         for control, react in (
             (self.lam, self._slide),
             (self.bounds, self._choose),
@@ -199,11 +212,9 @@ class ExpressionLab(Page):
             (self.upload, self._take_file),
             (self.difference, self._show_difference),
             (self.other, self._choose_other),
+            (self.sorted, self._sort),
         ):
             control.observe(react, names="value")
-        for button in (self.best, self.undo, self.redo, self.free):
-            button.on_click(self._press_button)
-        self.save.on_click(self._save)
         for source in self.sketches.values():
             if isinstance(source, PosingSession):
                 source.observe(self._posed)
@@ -229,7 +240,7 @@ class ExpressionLab(Page):
             if self.source.options != tuple(self._sources()):
                 self.source.options = self._sources()
             self.source.value = name
-            self.frame.layout.visibility = "hidden" if frame is None else "visible"
+            self.frame.layout.display = "none" if frame is None else "flex"
             if frame is not None:
                 self.frame.max = self.sketches[name].n_frames - 1
                 self.frame.value = frame
@@ -237,8 +248,41 @@ class ExpressionLab(Page):
             self.bounds.value, self.criterion.value = state.bounds, state.criterion
             self.align.value, self.clamp.value = state.align is True, state.clamp
             self._show_history()
+        self.pins.refresh()
         self._show_answer()
         self._show_difference()
+        self._sort()
+
+    def picture(self):
+        """The face that the units make, for where the lab does not run: bytes of a PNG."""
+        return Thumbnails(self.mesh, self._props, *self._size).png(self.session.vertices)
+
+    @property
+    def mesh(self):
+        """The face at rest."""
+        return self.session.rig.neutral
+
+    @property
+    def pinned(self):
+        """What has the pins: the PosingSession of the sketch, or this session."""
+        return self._posing() or self.session
+
+    @property
+    def pinned_face(self):
+        """The face that the pins pull, shape (n_vertices, 3), millimetres."""
+        return self.session.sketch
+
+    def step_words(self, before, after):
+        """What a step did, in words."""
+        return expression_step(before, after, self.name_of)
+
+    def go(self, place):
+        """Go to a step, one by one: a PosingSession that made a sketch goes along."""
+        while self.session.n_undo > place:
+            self._walk(back=True)
+        while self.session.n_undo < place:
+            self._walk(back=False)
+        self.refresh()
 
     @shows_errors
     def _follow(self, _):
@@ -249,6 +293,7 @@ class ExpressionLab(Page):
     def _show_history(self):
         self.undo.disabled = not self.session.can_undo
         self.redo.disabled = not self.session.can_redo
+        self.steps.refresh()
 
     def _show_answer(self):
         """Show what the units make: all that may change while a slider or the mouse moves."""
@@ -332,15 +377,15 @@ class ExpressionLab(Page):
         return None
 
     def _pins(self):
-        posing = self._posing()
-        return {} if posing is None else posing.pins
+        pinned = self.pinned
+        return {v: t for v, t in pinned.pins.items() if v not in pinned.hidden}
 
     @shows_errors
     def _press(self, vertex):
         session = self.session
         posing = self._posing()
         self._puller = posing or Sculpt(session.rig.neutral, session.sketch)
-        self._pulled = session.state.origin if posing else "pulled by hand"
+        self._pulled = session.state.origin if posing else BY_HAND
         self._pulling = True
         self._answer = self._puller.press(vertex)
         self._held, self._from = vertex, self._puller.pins[vertex]
@@ -352,7 +397,8 @@ class ExpressionLab(Page):
     @_own
     def _move(self, offset):
         self._puller.drag(self._held, self._from + offset)
-        self.session.load(self._puller.vertices, self._pulled, live=True)
+        by_hand = self._held if self._pulled == BY_HAND else None
+        self.session.load(self._puller.vertices, self._pulled, live=True, pulled=by_hand)
         if self._answer is None:
             self.sketch_view.show(self.session.sketch)
         self._show_answer()
@@ -431,22 +477,32 @@ class ExpressionLab(Page):
         self._show_history()
 
     @_own
-    def _press_button(self, button):
-        session, before = self.session, self.session.state
-        posing = self._posing()
-        if button is self.best:
-            session.set(alpha="best")
-        elif button is self.free:
-            session.free()
+    def _press_button(self, pressed):
+        if pressed is self.best:
+            self.session.set(alpha="best")
+        elif pressed is self.free:
+            self.session.free()
         else:
-            back = button is self.undo
-            session.undo() if back else session.redo()
-            state = session.state
-            if posing and state.origin == before.origin and state.sketch is not before.sketch:
-                self._pulling = True  # what follows is not news
-                posing.undo() if back else posing.redo()
-                self._pulling = False
+            self._walk(back=pressed is self.undo)
         self.refresh()
+
+    def _walk(self, back):
+        """One step back or forward, in the PosingSession that made the sketch too."""
+        session, before, posing = self.session, self.session.state, self._posing()
+        session.undo() if back else session.redo()
+        state = session.state
+        if posing and state.origin == before.origin and state.sketch is not before.sketch:
+            self._pulling = True  # what follows is not news
+            posing.undo() if back else posing.redo()
+            self._pulling = False
+
+    @shows_errors
+    def _sort(self, _=None):
+        """The units in their own order, or by the millimetres that they move the face now."""
+        n = len(self.session.names)
+        reach = np.linalg.norm(self.session.rig.deltas, axis=2).max(axis=1)
+        now = np.abs(self.session.weights) * reach
+        self.bars.order = np.lexsort((-reach, -now)).tolist() if self.sorted.value else [*range(n)]
 
     # --- where sketches come from, and where results go -------------------------------------------
 
@@ -506,7 +562,8 @@ class ExpressionLab(Page):
     def _save(self, _):
         path = path_in(self.folder, self.file.value)
         left_out = self.session.save(path)
-        self._message.value = written(path, left_out)
+        self.clear()
+        self._result.value = written(path, left_out)
 
 
 def _nice(value):

@@ -27,12 +27,12 @@ function follow(model, names, react) {
 // RMS distance over alpha. Alpha is drawn on a square root scale, for natural faces have small
 // sums; the slider below has the same scale, its steps are the places of the alphas.
 function curve({ model, el }) {
-  const [width, height, left, right, top, bottom] = [330, 130, 52, 10, 8, 30];
+  const [width, height, left, right, top, bottom] = [320, 118, 52, 10, 8, 30];
   el.classList.add("facelab-curve");
   const alphas = model.get("alphas");
   const last = Math.sqrt(alphas[alphas.length - 1]);
   const x = (alpha) => left + (Math.sqrt(alpha) / last) * (width - left - right);
-  const canvas = svg("svg", { width, height, viewBox: `0 0 ${width} ${height}`, role: "img" }, el);
+  const canvas = svg("svg", { width, height, viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "RMS distance over the sum of the weights, alpha" }, el);
   const clip = svg("clipPath", { id: "facelab-clip-" + Math.random().toString(36).slice(2) }, canvas);
   svg("rect", { x: left - 6, y: 0, width: width - left - right + 12, height: height - bottom }, clip);
   const paper = svg("g", {}, canvas);
@@ -84,12 +84,12 @@ function curve({ model, el }) {
     const most = Math.max(1.15 * Math.max(...seen), 0.01);
     y = (value) => height - bottom - (value / most) * (height - bottom - top);
     paper.replaceChildren();
-    const text = { "font-size": 11, fill: "#444" };
+    const text = { "font-size": 11, fill: "var(--jp-ui-font-color1, #444)" };
     const beyond = x(Math.min(model.get("reach"), alphas[alphas.length - 1]));
     svg("rect", { x: beyond, y: top, width: Math.max(width - right - beyond, 0),
-      height: height - bottom - top, fill: "#ececec" }, paper);
+      height: height - bottom - top, fill: "var(--jp-layout-color2, #ececec)" }, paper);
     for (const a of [0, 1, 2, 5, 10, 20, 50, 100]) {
-      svg("line", { x1: x(a), x2: x(a), y1: height - bottom, y2: height - bottom + 4, stroke: "#888" }, paper);
+      svg("line", { x1: x(a), x2: x(a), y1: height - bottom, y2: height - bottom + 4, stroke: "var(--jp-ui-font-color2, #888)" }, paper);
       svg("text", { x: x(a), y: height - bottom + 15, "text-anchor": "middle", ...text }, paper, a);
     }
     svg("text", { x: (left + width) / 2, y: height - 2, "text-anchor": "middle", ...text }, paper, "α");
@@ -99,9 +99,9 @@ function curve({ model, el }) {
     const middle = (top + height - bottom) / 2;
     svg("text", { x: 12, y: middle, transform: `rotate(-90 12 ${middle})`, "text-anchor": "middle", ...text },
       paper, "RMS (mm)");
-    svg("path", { d: `M${left} ${top}V${height - bottom}H${width - right}`, fill: "none", stroke: "#888" }, paper);
+    svg("path", { d: `M${left} ${top}V${height - bottom}H${width - right}`, fill: "none", stroke: "var(--jp-ui-font-color2, #888)" }, paper);
     const points = rms.map((v, i) => `${x(alphas[i]).toFixed(1)},${y(v).toFixed(1)}`).join(" ");
-    svg("polyline", { points, fill: "none", stroke: "#333", "stroke-width": 1.6, "clip-path": `url(#${clip.id})` }, paper);
+    svg("polyline", { points, fill: "none", stroke: "var(--jp-ui-font-color1, #333)", "stroke-width": 1.6, "clip-path": `url(#${clip.id})` }, paper);
     const best = model.get("best");
     const at = [x(alphas[best]), Math.max(y(rms[best]), top)];
     const star = svg("path", { d: `M${at[0]} ${at[1] - 7}l6 7-6 7-6-7z`, fill: "#e69f00", stroke: "#333" }, paper);
@@ -163,6 +163,15 @@ function bars({ model, el }) {
       return Math.round(100 * (low + share * (high - low))) / 100;
     };
     bar.title = "Drag to set this weight by hand: that locks it";
+    Object.assign(bar, { tabIndex: 0, role: "slider" });
+    bar.setAttribute("aria-label", unit.name);
+    bar.addEventListener("keydown", (event) => {
+      const step = { ArrowLeft: -0.05, ArrowDown: -0.05, ArrowRight: 0.05, ArrowUp: 0.05 }[event.key];
+      if (!step) return;
+      event.preventDefault();
+      tell("weight", index, Math.round(100 * (model.get("weights")[index] + step)) / 100);
+      tell("settle", index, 0);
+    });
     bar.addEventListener("pointerdown", (event) => {
       held = scale();
       bar.setPointerCapture(event.pointerId);
@@ -172,7 +181,7 @@ function bars({ model, el }) {
       if (held && bar.hasPointerCapture(event.pointerId)) tell("weight", index, at(event));
     });
     bar.addEventListener("lostpointercapture", () => { held = null; tell("settle", index, 0); });
-    return { row, filled, zero, number, lock, out };
+    return { row, bar, filled, zero, number, lock, out };
   });
   let held = null; // the scale while a bar is dragged
   const scale = () => {
@@ -184,7 +193,10 @@ function bars({ model, el }) {
     const place = (w) => (100 * (Math.min(Math.max(w, low), high) - low)) / (high - low);
     const states = model.get("states");
     model.get("weights").forEach((w, i) => {
-      const { row, filled, zero, number, lock, out } = rows[i];
+      const { row, bar, filled, zero, number, lock, out } = rows[i];
+      bar.setAttribute("aria-valuenow", w.toFixed(2));
+      bar.setAttribute("aria-valuemin", low);
+      bar.setAttribute("aria-valuemax", high);
       filled.style.left = place(Math.min(w, 0)) + "%";
       filled.style.width = place(Math.max(w, 0)) - place(Math.min(w, 0)) + "%";
       zero.style.left = place(0) + "%";
@@ -195,9 +207,14 @@ function bars({ model, el }) {
       lock.disabled = out.disabled = states[i] === "dropped";
     });
   };
+  const sort = () => {
+    model.get("order").forEach((unit, place) => (rows[unit].row.style.order = place));
+  };
   draw();
+  sort();
   const undraw = follow(model, ["weights", "states"], draw);
-  return () => { undraw(); model.off("msg:custom", hear); };
+  const unsort = follow(model, ["order"], sort);
+  return () => { undraw(); unsort(); model.off("msg:custom", hear); };
 }
 
 export default { render: (context) => (context.model.get("kind") === "curve" ? curve : bars)(context) };

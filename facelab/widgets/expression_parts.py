@@ -56,14 +56,18 @@ class UnitBars(_Drawn):
     weights : list of float
     states : list of str
         "free", "locked", "excluded" or "dropped" for each unit.
+    order : list of int
+        Of the units from the top.
     """
 
     units = traitlets.List().tag(sync=True)
     weights = traitlets.List().tag(sync=True)
     states = traitlets.List().tag(sync=True)
+    order = traitlets.List().tag(sync=True)
 
     def __init__(self, units, on_edit):
         blank = {"weights": [0.0] * len(units), "states": ["free"] * len(units)}
+        blank["order"] = list(range(len(units)))
         super().__init__(kind="bars", units=units, **blank)
         self.on_edit = on_edit
         self.on_msg(self._hear)

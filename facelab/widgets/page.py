@@ -14,6 +14,9 @@ from pathlib import Path
 import ipywidgets as widgets
 from markupsafe import Markup
 
+from facelab.widgets.thumbnail import captioned
+
+_ASLEEP = "not running. Press Run (Shift and Enter)."
 _LINKED_BYTES = 12e6  # larger files get no link in the page
 
 
@@ -74,7 +77,11 @@ class Page:
         self._message = widgets.HTML()
 
     def _repr_mimebundle_(self, **kwargs):
-        return self.widget._repr_mimebundle_(**kwargs)
+        """The page, and what stands in the notebook where its kernel does not run."""
+        still = {"text/plain": f"{type(self).__name__}: {_ASLEEP}"}
+        if hasattr(self, "picture"):
+            still["image/png"] = captioned(self.picture(), _ASLEEP)
+        return {**self.widget._repr_mimebundle_(**kwargs), **still}
 
     def say(self, text):
         """Show what is going on: a text, escaped, or `markup`."""

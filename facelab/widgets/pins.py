@@ -56,7 +56,7 @@ class PinPanel(Panel):
         pins = self.pinned.pins
         if self.chosen not in pins:
             self.chosen = None
-        names, V = self._names(pins), self.pinned.vertices
+        names, V = self._names(pins), self.lab.pinned_face
         self.list.items = [self._row(v, names[v], pins[v] - V[v]) for v in pins]
         self.list.chosen = list(pins).index(self.chosen) if self.chosen is not None else -1
         self._editor.layout.display = "none" if self.chosen is None else "flex"
@@ -82,7 +82,7 @@ class PinPanel(Panel):
         pinned, gap = self.pinned, float(np.linalg.norm(gap))
         buttons = []
         if hasattr(pinned, "locked"):
-            locked, weight = vertex in pinned.locked, pinned.pin_weights[vertex]
+            locked, weight = vertex in pinned.locked, pinned.pin_weights.get(vertex, 1.0)
             near = min(_WEIGHTS, key=lambda name: abs(np.log(_WEIGHTS[name] / weight)))
             sign = {"weak": "○", "normal": "◐", "strong": "●"}[near]
             buttons = [

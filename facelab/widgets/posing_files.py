@@ -92,7 +92,10 @@ class FilePanel(Panel):
             self.save_clip: (".clip.json", lambda path: save_clip(path, self._clip(), session)),
             self.clip_glb: (".clip.glb", lambda path: write_clip_glb(path, self._clip(), session)),
             self.live_link: (".livelink.csv", lambda path: self._weights(path, clip=False)),
-            self.clip_live_link: (".livelink.csv", lambda path: self._weights(path, clip=True)),
+            self.clip_live_link: (
+                ".clip.livelink.csv",
+                lambda path: self._weights(path, clip=True),
+            ),
         }
         if button in write:
             ending, do = write[button]

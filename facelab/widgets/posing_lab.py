@@ -14,7 +14,7 @@ from facelab.models.region import RegionModel
 from facelab.plotting import region_colors
 from facelab.posing.session import PosingSession
 from facelab.segmentation.segment import segment_face
-from facelab.widgets.lab import Lab, button, row
+from facelab.widgets.lab import Lab, button, row, toggle
 from facelab.widgets.own_face import own_face
 from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.posing_clips import ClipPanel
@@ -29,6 +29,7 @@ _LOCKED, _FREE = (0.80, 0.25, 0.15), (1.0, 0.85, 0.0)
 _SIDE_BY_SIDE = 0.62  # of the size of a single view
 _GAP_SHOWN, _DISTANCE_SHOWN = 1.0, 4.0  # mm, and typical distances: where the colours end
 _HINT = "Drag: pose. Beside the face: turn. Shift: along the normal. Alt: past a pin."
+_STILL = 340, 380  # pixels of the picture for where it does not run
 _NOTHING = "nothing"
 _PAINTS = {
     "skin": "skin",
@@ -177,10 +178,19 @@ class PosingLab(Lab):
         """The face at rest."""
         return self.session.neutral
 
+    def picture(self):
+        """The face as it is, for where the lab does not run: bytes of a PNG."""
+        return Thumbnails(self.mesh, self.props, *_STILL).png(self.vertices)
+
     @property
     def pinned(self):
         """The session that has the pins."""
         return self.session
+
+    @property
+    def pinned_face(self):
+        """The face that the pins pull, shape (n_vertices, 3), millimetres."""
+        return self.session.vertices
 
     # --- the page ---------------------------------------------------------------------------------
 
@@ -188,7 +198,7 @@ class PosingLab(Lab):
         view = FaceView(self.session.neutral, self.props, width, height, **kwargs)
         view.on_hover, view.on_press = self._hover, self._press
         view.on_move, view.on_release = self._move, self._release
-        view.names = [self.name_of(v) for v in range(self.mesh.n_vertices)]
+        view.names = self.places.names
         return view
 
     def _build(self):
@@ -197,6 +207,7 @@ class PosingLab(Lab):
         )
         self.beside = _half([_NOTHING], "compare", "The answer of another model to the same pins")
         self.paint = _half(_PAINTS, "colour", "What the colours of the face say")
+        self.ghost = toggle("Ghost", "The pose before the last step, pale, with the present one")
         self._buttons = {
             text: button(text, tip, self._press_button)
             for text, tip in {
@@ -218,7 +229,11 @@ class PosingLab(Lab):
             [widgets.VBox([self._captions[0], self.view.widget])],
             layout={"flex_flow": "row nowrap"},
         )
-        above = self.model_choice, row(self.beside, self.paint), row(*self._buttons.values())
+        above = [
+            row(self.model_choice, self.ghost),
+            row(self.beside, self.paint),
+            row(*self._buttons.values()),
+        ]
         panels = {
             "Pins": self.pose,
             "Sliders": self.shape,
@@ -230,6 +245,7 @@ class PosingLab(Lab):
         self.model_choice.observe(self._choose_model, names="value")
         self.beside.observe(self._choose_beside, names="value")
         self.paint.observe(self._choose_paint, names="value")
+        self.ghost.observe(self._show_ghost, names="value")
 
     def _model_name(self):
         return next((n for n, m in self.models.items() if m is self.session.model), None)
@@ -271,6 +287,7 @@ class PosingLab(Lab):
         self._answers = self._compute_answers()
         self.show()
         self._color()
+        self._show_ghost()
         self._tell()
 
     def show(self):
@@ -347,10 +364,20 @@ class PosingLab(Lab):
 
     def _show_pins(self):
         pins = self.session.pins if self.frame is None else {}
+        pins = {v: t for v, t in pins.items() if v not in self.session.hidden}
         locked = self.session.locked
         colors = [_LOCKED if v in locked else _FREE for v in pins]
         for view, _ in self._answers:
             view.show_pins(pins, colors)
+
+    @shows_errors
+    def _show_ghost(self, _=None):
+        """The pose before the last step, where that is wanted."""
+        session = self.session
+        wanted = self.ghost.value and session.n_undo and self.frame is None
+        before = session.history.line[session.n_undo - 1] if wanted else None
+        for view, _ in self._answers:
+            view.show_ghost(None if before is None else session.vertices_in(before))
 
     def _color(self):
         for view, session in self._answers:

@@ -83,12 +83,7 @@ class StripPanel(Panel):
         self._about.value = markup(f'<div class="facelab-status">{template}</div>', *texts)
 
     def _put(self, name, state):
-        session = self.session
-        if state.model is session.model:
-            V = session.vertices_of(state.coefficients)
-        else:  # of another model: a session of its own knows how that moves the face
-            other = type(session)(state.model, session.neutral, binding=session.binding)
-            V = other.vertices_of(state.coefficients)
+        V = self.session.vertices_in(state)
         self.poses[name] = state
         self._pictures[name] = base64.b64encode(self.lab.thumbnails.png(V)).decode()
 

@@ -21,6 +21,7 @@ from facelab.plotting import SKIN
 from facelab.widgets.hand import Hand, packed_riders
 from facelab.widgets.props import PropMeshes
 
+_GHOST = "#2f6fd0"
 _TARGET = (1.0, 0.85, 0.0)
 _FOV = 18.0  # degrees: a long lens, so that a face looks as from across a table
 _MARKER, _MARKER_SIZE = "#12406b", 3.0  # mm, as wide as those that actors wear
@@ -77,6 +78,7 @@ class FaceView:
         self._operator = normals_operator(mesh.faces, mesh.n_vertices)
         self._proportions = width / height
         self._build_face()
+        self._ghost = None  # made when it is first wanted
         self._reserve_points(0)
         self._props = PropMeshes(props)
         if linked_to is None:
@@ -84,11 +86,11 @@ class FaceView:
             self._grip = SimpleNamespace(press=None, hand=None)  # what holds any linked view
         else:
             self._share_camera(linked_to)
-        head = three.Group(  # all that is told in the head frame
+        self._head = three.Group(  # all that is told in the head frame
             children=[self._face, self._cloud, *self._props.meshes],
             position=(-self._middle).tolist(),
         )
-        self._scene = three.Scene(children=[head, *self._lights()], background="#f4f4f2")
+        self._scene = three.Scene(children=[self._head, *self._lights()], background="#f4f4f2")
         renderer = three.Renderer(
             camera=self._camera,
             scene=self._scene,
@@ -342,6 +344,24 @@ class FaceView:
         self._position.array = self._lined(self._V)
         self._normal.array = self._with_lining(self.normals, self._lining.normals)
         self._props.follow(self._V)
+
+    def show_ghost(self, vertices=None):
+        """Show a second, pale face at these positions, (n_vertices, 3), mm; None takes it away."""
+        if self._ghost is None and vertices is not None:
+            index = three.BufferAttribute(
+                self.mesh.faces.ravel().astype(np.uint32), normalized=False
+            )
+            at = three.BufferAttribute(_f32(vertices))
+            geometry = three.BufferGeometry(attributes={"position": at, "index": index})
+            material = three.MeshBasicMaterial(
+                color=_GHOST, transparent=True, opacity=0.3, depthWrite=False
+            )
+            self._ghost = three.Mesh(geometry, material)
+            self._head.children = [*self._head.children, self._ghost]
+        if vertices is not None:
+            self._ghost.geometry.attributes["position"].array = _f32(vertices)
+        if self._ghost is not None:
+            self._ghost.visible = vertices is not None
 
     def show_pins(self, pins, colors=None, takes=True):
         """Draw pins: a dark dot on each vertex, a coloured one on its target, a line between.

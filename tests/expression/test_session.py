@@ -394,3 +394,57 @@ def test_a_pose_file_says_what_to_do_about_weights_that_it_cannot_hold(session, 
     with pytest.raises(ValueError, match=r"0 to 1.*choose bounds='0 to 1'.*save as \.csv"):
         session.save(tmp_path / "pose.json")
     assert not list(tmp_path.iterdir())
+
+
+# --- pins of a sketch pulled by hand --------------------------------------------------------------
+
+
+@pytest.fixture
+def rig(basis):
+    return basis.rig
+
+
+def test_pulls_are_pins_that_are_typed_hidden_named_and_taken_back_in_any_order(rig):
+    session, V = ExpressionSession(rig), rig.neutral.vertices
+    a, b = 0, rig.neutral.n_vertices // 2
+    session.set_pin(a, V[a] + [0, 0, 3.0])
+    once = session.sketch
+    np.testing.assert_allclose(session.pins[a], V[a] + [0, 0, 3.0], atol=1e-9)
+    session.set_pin(b, V[b] + [0, 2.0, 0])
+    session.set_pin(a, session.sketch[a] + [1.0, 0, 0])
+    assert set(session.pins) == {a, b} and session.state.origin == "pulled by hand"
+    session.set_pin(a, hidden=True, name=" tip ")
+    assert session.hidden == {a} and session.pin_names == {a: "tip"}
+    session.remove_pin(a)
+    assert list(session.pins) == [b] and not session.hidden and not session.pin_names
+    session.remove_pin(b)
+    np.testing.assert_allclose(session.sketch, V, atol=1e-9)
+    for _ in range(5):
+        session.undo()
+    np.testing.assert_array_equal(session.sketch, once)
+    session.load(rig.neutral)
+    assert not session.pins
+
+
+def test_a_pull_as_it_is_drawn_is_one_pin_and_one_step(rig):
+    session, sculpt = ExpressionSession(rig), Sculpt(rig.neutral)
+    for z in (1.0, 2.0, 4.0):
+        sculpt.drag(5, rig.neutral.vertices[5] + [0, 0, z])
+        session.load(sculpt.vertices, "pulled by hand", live=True, pulled=5)
+    session.settle()
+    assert session.n_undo == 1
+    np.testing.assert_allclose(session.state.pulls[5], [0, 0, 4.0], atol=1e-9)
+    session.remove_pin(5)
+    np.testing.assert_allclose(session.sketch, rig.neutral.vertices, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "bad", [{"vertex": -1}, {"target": [0, 0, np.nan]}, {"hidden": "yes"}, {"name": 3}]
+)
+def test_what_is_no_pin_of_a_sketch_is_refused_and_nothing_changes(rig, bad):
+    session = ExpressionSession(rig)
+    with pytest.raises((TypeError, ValueError), match=next(iter(bad))):
+        session.set_pin(**{"vertex": 3, **bad})
+    with pytest.raises(ValueError, match="no pin"):
+        session.remove_pin(3)
+    assert not session.can_undo

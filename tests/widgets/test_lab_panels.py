@@ -1,0 +1,351 @@
+"""What stands beside the face in both labs: pins, steps, sliders, library, time, words."""
+
+import base64
+import io
+import re
+
+import matplotlib.image
+import numpy as np
+import pytest
+from planted import bumps, quarters
+
+from facelab.expression.session import ExpressionSession
+from facelab.files.poses import load_library, save_library
+from facelab.files.takes import read_live_link_csv
+from facelab.geometry.mesh import TriangleMesh
+from facelab.models.region import RegionModel
+from facelab.posing.session import PosingSession
+from facelab.rig import BlendshapeRig
+from facelab.segmentation.regions import Regions
+from facelab.widgets import ExpressionLab, PosingLab
+
+UNITS = ("jawOpen", "mouthSmileLeft", "mouthSmileRight", "browInnerUp")
+
+
+@pytest.fixture
+def parts(rng):
+    mesh, labels = quarters()
+    mesh = TriangleMesh(mesh.vertices, mesh.faces, {"nose_tip": 17})
+    X = bumps(mesh, labels, rng)
+    rig = BlendshapeRig(mesh, UNITS, X.reshape(len(X), -1, 3)[:4])
+    return RegionModel(Regions(labels, mesh), 6).fit(X), rig
+
+
+@pytest.fixture
+def lab(parts, tmp_path):
+    model, rig = parts
+    session = PosingSession(model, rig.neutral)
+    return PosingLab(session, {"region": model, "rig": rig}, folder=tmp_path)
+
+
+@pytest.fixture
+def expression(parts, tmp_path):
+    model, rig = parts
+    posing = PosingSession(model, rig.neutral)
+    session = ExpressionSession(rig, rig.shape({"jawOpen": 0.5}), origin="planted")
+    return ExpressionLab(session, {"posed": posing}, folder=tmp_path)
+
+
+def press(part, do, item, **more):
+    part._handle_custom_msg({"do": do, "item": item, **more}, [])
+
+
+def pull(session, vertex, by):
+    session.pull(vertex, session.vertices[vertex] + by)
+
+
+# --- pins -----------------------------------------------------------------------------------------
+
+
+def test_the_target_of_a_chosen_pin_is_typed_in_millimetres_and_undone(lab):
+    panel, session = lab.pose.pin_list, lab.session
+    pull(session, 17, [1.0, 2, 3])
+    assert panel._editor.layout.display == "none"
+    press(panel.list, "choose", 17)
+    assert [f.value for f in panel.target] == [1.0, 2.0, 3.0]
+    panel.target[1].value = 5.5
+    went = session.pins[17] - session.neutral.vertices[17]
+    np.testing.assert_allclose(went, [1, 5.5, 3], atol=1e-9)
+    session.undo()
+    assert panel.target[1].value == 2.0
+    press(panel.list, "lock", 17)
+    assert all(f.disabled for f in panel.target)
+
+
+def test_a_pin_is_named_and_hidden_and_names_alike_are_numbered(lab):
+    panel, session = lab.pose.pin_list, lab.session
+    for vertex in (17, 90):
+        pull(session, vertex, [0, 0, 2.0])
+    press(panel.list, "choose", 90)
+    panel.name.value = "nose tip"
+    assert [row["name"] for row in panel.list.items] == ["nose tip", "nose tip (2)"]
+    assert session.pin_names == {90: "nose tip"}
+    press(panel.list, "hide", 90)
+    assert session.hidden == {90}
+    assert [pin[0] for pin in lab.view._hand.pins] == [17], "it holds, but is not drawn"
+    panel.name.value = ""
+    assert not session.pin_names and panel.list.items[1]["name"] == "vertex 90"
+
+
+def test_the_expression_lab_lists_pins_of_pulls_by_hand_and_of_a_posed_sketch(expression):
+    lab, session = expression, expression.session
+    neutral = session.rig.neutral.vertices
+    session.set_pin(17, session.sketch[17] + [0, 0, 4.0])
+    (row,) = lab.pins.list.items
+    assert row["name"] == "nose tip" and row["note"] == ""
+    assert [button[0] for button in row["buttons"]] == ["hide", "remove"]
+    press(lab.pins.list, "choose", 17)
+    lab.pins.target[2].value = 1.0
+    np.testing.assert_allclose(
+        session.sketch[17] - neutral[17], [*(session.sketch[17] - neutral[17])[:2], 1.0]
+    )
+    press(lab.pins.list, "remove", 17)
+    assert lab.pins.list.items == [] and lab.sketch_view._hand.pins == []
+    lab.source.value = "posed"
+    posing = lab.sketches["posed"]
+    pull(posing, 90, [0, 0, 5.0])
+    assert [row["id"] for row in lab.pins.list.items] == [90]
+    press(lab.pins.list, "lock", 90)
+    assert posing.locked == {90}
+
+
+# --- steps ----------------------------------------------------------------------------------------
+
+
+def test_steps_are_told_in_words_and_a_click_goes_to_one(lab):
+    session = lab.session
+    pull(session, 17, [0, 0, 3.0])
+    posed = session.vertices
+    session.set(beta=0.25)
+    session.set_pin(17, locked=True)
+    session.set_pin(17, locked=False)
+    session.remove_pin(17)
+    session.reset()
+    session.use(lab.models["rig"])
+    session.slide(0, 1, 0.5)
+    said = [row["name"] for row in reversed(lab.steps.list.items)]
+    assert said[:5] == [
+        *("the start", "pull nose tip", "Regions agree β 0.25", "lock nose tip", "lock nose tip"),
+    ]
+    assert said[-2:] == ["model: rig", "slider"]
+    press(lab.steps.list, "choose", 1)
+    np.testing.assert_allclose(session.vertices, posed, atol=1e-12)
+    assert session.n_undo == 1 and lab.steps.list.items[0]["note"] == "undone"
+    assert lab.steps.list.items[lab.steps.list.chosen]["id"] == 1
+
+
+def test_the_steps_of_the_expression_lab_take_the_posed_sketch_along(expression):
+    lab, session = expression, expression.session
+    lab.source.value = "posed"
+    posing = lab.sketches["posed"]
+    for vertex in (17, 90):
+        pull(posing, vertex, [0, 0, 5.0])
+    session.set(alpha=1.5)
+    session.exclude("jawOpen")
+    session.lock("browInnerUp", 0.5)
+    session.free()
+    said = [row["name"] for row in reversed(lab.steps.list.items)]
+    assert said[1:] == [
+        *("sketch: posed", "sketch: posed", "sketch: posed", "α 1.5", "leave out jawOpen"),
+        *("browInnerUp held at 0.50", "free all"),
+    ]
+    press(lab.steps.list, "choose", 2)
+    assert list(posing.pins) == [17]
+    np.testing.assert_allclose(session.sketch, posing.vertices, atol=1e-9)
+    press(lab.steps.list, "choose", 3)
+    assert list(posing.pins) == [17, 90]
+
+
+# --- sliders --------------------------------------------------------------------------------------
+
+
+def test_sliders_of_a_rig_show_what_pins_made_and_are_sorted_by_what_they_do(lab, parts):
+    _, rig = parts
+    lab.session.use(rig)
+    face = rig.shape({"mouthSmileRight": 0.8})
+    for vertex in range(5, 110, 15):
+        lab.session.pull(vertex, face[vertex])
+    shown = [slider.value for slider in lab.shape._box.children]
+    np.testing.assert_allclose(shown, lab.session.coefficients, atol=1e-9)
+    assert int(np.argmax(shown)) == 2
+    lab.shape.sorted.value = True
+    first = lab.shape._box.children[0]
+    assert first.description == "mouthSmileRight" and first.value == max(shown)
+
+
+def test_a_component_says_what_it_moves_and_how_much(lab, monkeypatch):
+    monkeypatch.setattr(lab.places, "motion", lambda x: f"moved {np.abs(x).max() > 0}")
+    lab.shape._said = {}
+    lab.refresh()
+    said = [slider.description for slider in lab.shape._box.children]
+    shares = [int(re.fullmatch(r"moved True, (\d+) %", text)[1]) for text in said]
+    assert shares == sorted(shares, reverse=True) and 97 <= sum(shares) <= 103
+    assert "mm for one standard deviation" in lab.shape.sliders[0].tooltip
+
+
+def test_half_a_face_is_mirrored_by_button(lab):
+    pull(lab.session, 17, [1.0, 0, 4])
+    lab._buttons["R → L"].click()
+    x = lab.session.vertices - lab.session.neutral.vertices
+    assert "bake" in lab._buttons["Bake pins"].tooltip.lower() or lab._message.value == ""
+    assert lab.steps.list.items[0]["name"] == "another pose" and np.abs(x).max() > 0.1
+
+
+def test_the_ghost_is_the_pose_before_the_last_step(lab):
+    pull(lab.session, 17, [0, 0, 4.0])
+    before = lab.session.vertices
+    lab.ghost.value = True
+    pull(lab.session, 90, [0, 0, 4.0])
+    ghost = lab.view._ghost
+    at = ghost.geometry.attributes["position"].array
+    np.testing.assert_allclose(at, before, atol=1e-4)
+    lab.session.undo()
+    np.testing.assert_allclose(at.shape, before.shape)
+    rest = ghost.geometry.attributes["position"].array
+    np.testing.assert_allclose(rest, lab.session.neutral.vertices, atol=1e-4)
+    lab.ghost.value = False
+    assert not ghost.visible
+
+
+# --- library, time, files -------------------------------------------------------------------------
+
+
+def test_the_library_comes_back_after_a_restart_with_names_order_and_pictures(lab, parts, tmp_path):
+    model, rig = parts
+    assert list(tmp_path.iterdir()) == [], "nothing is written unasked"
+    pull(lab.session, 17, [0, 0, 9.0])
+    lab.strip.name.value = "bump"
+    lab.strip.keep.click()
+    lab.session.use(rig)
+    lab.session.slide(0, 0, 0.7)
+    lab.strip.add("jaw")
+    press(lab.strip.strip, "earlier", "jaw")
+    assert list(lab.strip.poses) == ["neutral", "jaw", "bump"]
+    assert lab.strip.strip.chosen == 1
+    lab.strip.name.value = "open"
+    lab.strip.rename.click()
+    pictures = [item["picture"] for item in lab.strip.strip.items]
+    assert len(set(pictures)) == 3
+    again = PosingLab(
+        PosingSession(model, rig.neutral), {"region": model, "rig": rig}, folder=tmp_path
+    )
+    assert [item["name"] for item in again.strip.strip.items] == ["neutral", "open", "bump"]
+    assert [item["picture"] for item in again.strip.strip.items] == pictures
+    press(again.strip.strip, "choose", "open")
+    assert again.session.model is rig and again.session.coefficients[0] == pytest.approx(0.7)
+    assert again.files.name.options == (), "a library is no pose"
+
+
+def test_a_library_that_cannot_be_read_is_left_alone_and_told(lab, parts, tmp_path):
+    model, rig = parts
+    path = lab.strip.path
+    path.write_text("{ broken")
+    other = PosingLab(PosingSession(model, rig.neutral), folder=tmp_path)
+    assert "Not read" in other.strip._about.value
+    other.strip.add("mine")
+    assert path.read_text() == "{ broken" and other.strip.path.exists()
+
+
+def test_poses_of_a_model_that_is_not_at_hand_are_counted_and_not_overwritten(lab, parts, tmp_path):
+    model, rig = parts
+    path, session = lab.strip.path, lab.session
+    states = {"a": session.state}
+    session.use(rig)
+    save_library(path, {**states, "b": session.state}, session)
+    alone = PosingLab(PosingSession(model, rig.neutral), folder=tmp_path)
+    assert list(alone.strip.poses) == ["a"] and "1 of another model" in alone.strip._about.value
+    alone.strip.add("c")
+    poses, others = load_library(path, PosingSession(rig, rig.neutral), [model])
+    assert list(poses) == ["a", "b"] and others == []
+
+
+def test_a_damaged_library_is_refused_with_its_place(lab, tmp_path):
+    path = tmp_path / "library.json"
+    save_library(path, {"a": lab.session.state}, lab.session)
+    text = path.read_text()
+    for bad in (
+        text.replace('"name": "a"', '"name": 3'),
+        text.replace("facelab-library", "facelab-pose"),
+        text[: len(text) // 2],
+    ):
+        path.write_text(bad)
+        with pytest.raises(ValueError, match=re.escape(str(path))):
+            load_library(path, lab.session)
+
+
+def test_keys_are_dragged_along_the_line_of_time(lab):
+    lab.clip.key.click()
+    lab.clip.slider.value = 50
+    pull(lab.session, 17, [0, 0, 4.0])
+    lab.clip.key.click()
+    assert lab.clip.track.times == [0.0, 2.0] and lab.clip.track.length == 3.0
+    press(lab.clip.track, "move", 1, to=1.2)
+    assert lab.clip.track.times == [0.0, 1.2] and lab.clip.track.now == pytest.approx(1.2)
+    press(lab.clip.track, "move", 1, to=0.0)
+    assert "a key at 0.00 s already" in lab._message.value
+    assert lab.clip.track.times == [0.0, 1.2]
+    press(lab.clip.track, "choose", 0, to=0.0)
+    assert lab.clip.seconds == 0
+
+
+def test_weights_of_a_rig_leave_as_live_link_records_them(lab, parts, tmp_path):
+    _, rig = parts
+    lab.files.live_link.click()
+    assert "only a rig has weights" in lab._message.value
+    lab.session.use(rig)
+    lab.clip.key.click()
+    lab.clip.slider.value = 25
+    lab.session.slide(0, 0, 0.75)
+    lab.clip.key.click()
+    lab.files.live_link.click()
+    assert "Download" in lab.files._result.value
+    one = read_live_link_csv(tmp_path / "pose.livelink.csv", fps=30)
+    assert one.weights[0, one.names.index("jawOpen")] == pytest.approx(0.75)
+    lab.files.clip_live_link.click()
+    clip = read_live_link_csv(tmp_path / "pose.clip.livelink.csv")
+    jaw = clip.weights[:, clip.names.index("jawOpen")]
+    assert len(jaw) == 31 and jaw[0] == 0 and jaw[-1] == pytest.approx(0.75)
+
+
+# --- words, and where it does not run -------------------------------------------------------------
+
+
+def test_errors_speak_of_points_and_buttons_and_not_of_arguments(lab):
+    pull(lab.session, 17, [0, 0, 2.0])
+    lab.session.set_pin(17, locked=True)
+    press(lab.pose.pins, "remove", 17)
+    said = lab._message.value
+    assert "nose tip is a locked pin; unlock it first" in said
+    assert "set_pin" not in said and "vertex=" not in said and "ValueError" not in said
+
+
+def test_a_fault_of_our_own_is_told_as_one_with_its_place(lab, monkeypatch):
+    monkeypatch.setattr(lab.session, "undo", lambda: 1 / 0)
+    pull(lab.session, 17, [0, 0, 2.0])
+    lab.undo.click()
+    assert "ZeroDivisionError: a fault of facelab, in" in lab._message.value
+
+
+@pytest.mark.parametrize("which", ["lab", "expression"])
+def test_where_it_does_not_run_a_notebook_has_a_picture_and_says_press_run(which, request):
+    page = request.getfixturevalue(which)
+    bundle = page._repr_mimebundle_()
+    assert "Press Run" in bundle["text/plain"] and "HBox" not in bundle["text/plain"]
+    assert "application/vnd.jupyter.widget-view+json" in bundle
+    image = matplotlib.image.imread(io.BytesIO(base64.b64decode(bundle["image/png"])))
+    assert image[..., :3].min() < 0.5 < image[..., :3].max()
+
+
+def test_another_face_in_the_same_page_leaves_nothing_of_the_first(lab, parts):
+    _, rig = parts
+    page, first = lab.widget, lab.session
+    other = PosingSession(rig, rig.neutral.with_vertices(rig.neutral.vertices * 1.1))
+    lab.take_up(other)
+    assert lab.widget is page and lab.session is other and lab.mesh is other.neutral
+    pull(first, 17, [0, 0, 3.0])
+    assert lab.pose.pins.items == [], "the first session is not followed any more"
+    pull(other, 17, [0, 0, 3.0])
+    assert [row["id"] for row in lab.pose.pins.items] == [17]
+    with pytest.raises(TypeError, match="PosingSession"):
+        lab.take_up(rig)
+    assert lab.session is other
