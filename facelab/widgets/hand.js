@@ -548,7 +548,7 @@ class Hand {
       const [cx, cy] = place(point);
       made.push(element("circle", { cx, cy, r, fill, ...extra }));
     };
-    const held = [this.drag, ...this.let.values()].filter((d) => d && (d.moved || d.foreign));
+    const held = [this.drag, ...this.let.values()].filter((d) => d && (d.moved || d.foreign) && d.vertex !== null);
     const pins = this.model.get("pins").filter(([v]) => !held.some((d) => d.vertex === v));
     const drawn = pins.map(([vertex, target, color]) => ({ vertex, target, color }));
     for (const { vertex, answer, offset } of held) {

@@ -244,6 +244,7 @@ class FaceView:
             raise ValueError(
                 f"names has {len(names)} names, but the face {self._n} vertices; give one for each."
             )
+        names = ["" if name == f"vertex {v}" else name for v, name in enumerate(names)]
         table = list(dict.fromkeys(names))
         place = {name: i for i, name in enumerate(table)}
         code = np.array([place[name] for name in names], np.uint32)
@@ -288,8 +289,9 @@ class FaceView:
         ----------
         answer : ndarray of shape (n_vertices, 3, 3) or BoundedPull
             What `PosingSession.press` or `Sculpt.press` returned.
-        vertex : int
-            The one that is held; a pin is drawn from it to its target.
+        vertex : int or None
+            The one that is held; a pin is drawn from it to its target. None if this face only
+            follows another one.
         target : ndarray of shape (3,)
             Where the target is before the pull, millimetres.
         ahead : ndarray of shape (3,)
