@@ -308,6 +308,8 @@ class Hand {
   }
 
   nameOf(vertex) {
+    const named = this.model.get("pins").find(([v]) => v === vertex)?.[3];
+    if (named) return named;
     const table = this.model.get("names");
     if (!table.length) return `vertex ${vertex}`;
     this.codes ??= typed(Uint32Array, this.model.get("name_of"));

@@ -20,7 +20,7 @@ class Hand(anywidget.AnyWidget):
 
     Attributes
     ----------
-    pins : list of [vertex, target, color]
+    pins : list of [vertex, target, color, name]
     names : list of str
         Of vertices; `name_of` (uint32) says which is whose. Empty for numbers.
     settled : str

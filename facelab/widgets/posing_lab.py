@@ -348,7 +348,7 @@ class PosingLab(Lab):
         locked = self.session.locked
         colors = [_LOCKED if v in locked else _FREE for v in pins]
         for view, _ in self._answers:
-            view.show_pins(pins, colors)
+            view.show_pins(pins, colors, self.session.pin_names)
 
     def _color(self):
         for view, session in self._answers:

@@ -345,7 +345,7 @@ class FaceView:
         self._normal.array = self._with_lining(self.normals, self._lining.normals)
         self._props.follow(self._V)
 
-    def show_pins(self, pins, colors=None, takes=True):
+    def show_pins(self, pins, colors=None, names=None, takes=True):
         """Draw pins: a dark dot on each vertex, a coloured one on its target, a line between.
 
         Parameters
@@ -354,13 +354,15 @@ class FaceView:
             Vertex to target, millimetres.
         colors : ndarray of shape (n_pins, 3), optional
             Of the targets, 0 to 1; yellow if left out.
+        names : dict of int to str, optional
+            Of pins that have one other than that of their vertex.
         takes : bool, default=True
             Whether the mouse takes hold of a pin near it rather than of the skin.
         """
         self._hand.takes_pins = takes
-        colors = [_TARGET] * len(pins) if colors is None else colors
+        colors, names = [_TARGET] * len(pins) if colors is None else colors, names or {}
         self._hand.pins = [
-            [int(v), np.asarray(target, dtype=float).tolist(), to_hex(color)]
+            [int(v), np.asarray(target, dtype=float).tolist(), to_hex(color), names.get(v, "")]
             for (v, target), color in zip(pins.items(), colors, strict=True)
         ]
 
