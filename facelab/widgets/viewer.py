@@ -236,7 +236,7 @@ class FaceView:
     def names(self):
         """Names of the vertices that the page shows under the mouse; empty for their numbers."""
         table, code = self._hand.names, np.frombuffer(self._hand.name_of, np.uint32)
-        return [table[c] for c in code]
+        return [table[c] or f"vertex {v}" for v, c in enumerate(code)]
 
     @names.setter
     def names(self, names):
@@ -344,6 +344,10 @@ class FaceView:
         self._position.array = self._lined(self._V)
         self._normal.array = self._with_lining(self.normals, self._lining.normals)
         self._props.follow(self._V)
+
+    def carry_props(self, vertices):
+        """Move eyes and teeth with the face, at (n_vertices, 3), while the page draws its skin."""
+        self._props.follow(np.asarray(vertices))
 
     def show_pins(self, pins, colors=None, names=None, takes=True):
         """Draw pins: a dark dot on each vertex, a coloured one on its target, a line between.
