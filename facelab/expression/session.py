@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -18,6 +19,7 @@ from facelab.files.poses import save_pose
 from facelab.files.takes import write_live_link_csv, write_weights_csv
 from facelab.motion import MotionSequence, WeightSequence
 from facelab.numeric.undo import History, has_history
+from facelab.posing.bounded import LARGEST_BASIS, BoundedPull, FaceBasis
 from facelab.posing.session import PosingSession
 from facelab.rig import BlendshapeRig
 
@@ -410,6 +412,52 @@ class ExpressionSession(SketchPins):
         if name in self.dropped:
             raise ValueError(f"name={name!r} moves nothing of its own and was left out.")
         return self.names.index(name)
+
+    # --- while the sketch is pulled ---------------------------------------------------------------
+
+    def follow(self, D):
+        """How the optimised face follows while the sketch is pulled.
+
+        At the present alpha; where the best by e_rms is followed that is the plain fit, whatever
+        the pull.
+
+        Parameters
+        ----------
+        D : ndarray of shape (n_vertices, 3, 3)
+            D[v, :, a] is how vertex v of the sketch moves for a millimetre of pull along axis a.
+
+        Returns
+        -------
+        BoundedPull or None
+            None where the weights are not those of a bounded least squares problem (aligned or
+            clamped), or the face is too large.
+        """
+        state, fit, basis = self.state, self.fit, self.basis
+        if state.align is True or state.clamp or self._face_basis is None:
+            return None
+        n, k = basis.rig.neutral.n_vertices, basis.kept
+        best = state.alpha is None and state.criterion == "e_rms"
+        pull = 0.0 if best else state.lam**2
+        inverse = np.linalg.inv(basis.gram / n + pull)
+        sketch = np.column_stack([fit.displacement.ravel(), D.reshape(-1, 3)])
+        sides = basis.R.T @ (basis.Q.T @ sketch) / n
+        sides[:, 0] += pull * self.alpha
+        free = inverse @ sides
+        return BoundedPull(
+            start=self.weights[k],
+            free=free[:, 0],
+            slope=free[:, 1:],
+            inverse=inverse,
+            lo=fit.lo[k],
+            hi=fit.hi[k],
+            give=np.zeros(len(k)),
+            basis=self._face_basis,
+        )
+
+    @cached_property
+    def _face_basis(self):
+        deltas = self.rig.deltas[self.basis.kept]
+        return None if 4 * deltas.size > LARGEST_BASIS else FaceBasis(np.float32(deltas), None)
 
     # --- steps ------------------------------------------------------------------------------------
 

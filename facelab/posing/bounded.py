@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+LARGEST_BASIS = 40e6
+"""Bytes of a basis beyond which a face is too large to be handed to a page."""
+
 
 @dataclass(frozen=True, eq=False)
 class FaceBasis:

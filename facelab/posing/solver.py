@@ -19,7 +19,7 @@ from facelab.models.region import BETA
 from facelab.motion import MotionSequence, WeightSequence
 from facelab.numeric.least_squares import solve_bounded
 from facelab.numeric.threads import one_thread
-from facelab.posing.bounded import FaceBasis
+from facelab.posing.bounded import LARGEST_BASIS, FaceBasis
 from facelab.posing.ranges import (
     CONDITION,
     GAMMA,
@@ -39,7 +39,6 @@ STIFFNESS = 25.0
 
 
 _ROWS_KEPT = 1000  # of a few kilobytes each
-_LARGEST_BASIS = 40e6  # bytes
 
 
 class PoseSolver:
@@ -242,7 +241,7 @@ class PoseSolver:
     def basis(self):
         """`FaceBasis` of the shown face; None where it is too large to hand around."""
         P, n = self.n_coefficients, self.n_vertices
-        if 12 * P * n > _LARGEST_BASIS:
+        if 12 * P * n > LARGEST_BASIS:
             return None
         rows = self.displacements(np.eye(P)).astype(np.float32)
         return FaceBasis(rows, None if self.binding is None else self.binding.weights)

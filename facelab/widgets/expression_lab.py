@@ -101,7 +101,7 @@ class ExpressionLab(Lab):
         self.sketch_view.on_press = self._press
         self.sketch_view.on_move = self._move
         self.sketch_view.on_release = self._release
-        self._puller = self._other_view = self._rms = None
+        self._puller = self._other_view = self._rms = self._followed = None
         self._other_note = ""
         self._painted = self._pulling = self._acting = False
         self._begin()
@@ -298,7 +298,8 @@ class ExpressionLab(Lab):
     def _show_answer(self):
         """Show what the units make: all that may change while a slider or the mouse moves."""
         session, fit = self.session, self.session.fit
-        self.view.show(session.vertices)
+        if not (self._pulling and self._followed):
+            self.view.show(session.vertices)
         self._other_note = ""
         if self._other_view is not None:
             try:
@@ -391,8 +392,13 @@ class ExpressionLab(Lab):
         self._held, self._from = vertex, self._puller.pins[vertex]
         self.clear()
         session.settle()
+        self._followed = None
         if self._answer is not None:  # the page draws the sketch
             self.sketch_view.begin_pull(self._answer, vertex, self._from)
+        if isinstance(self._answer, np.ndarray):  # and what the units make of it
+            self._followed = session.follow(self._answer)
+            if self._followed is not None:
+                self.view.begin_pull(self._followed, None, self._from)
 
     @_own
     def _move(self, offset):

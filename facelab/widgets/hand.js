@@ -308,6 +308,8 @@ class Hand {
   }
 
   nameOf(vertex) {
+    const named = this.model.get("pins").find(([v]) => v === vertex)?.[3];
+    if (named) return named;
     const table = this.model.get("names");
     if (!table.length) return `vertex ${vertex}`;
     this.codes ??= typed(Uint32Array, this.model.get("name_of"));
@@ -548,7 +550,7 @@ class Hand {
       const [cx, cy] = place(point);
       made.push(element("circle", { cx, cy, r, fill, ...extra }));
     };
-    const held = [this.drag, ...this.let.values()].filter((d) => d && (d.moved || d.foreign));
+    const held = [this.drag, ...this.let.values()].filter((d) => d && (d.moved || d.foreign) && d.vertex !== null);
     const pins = this.model.get("pins").filter(([v]) => !held.some((d) => d.vertex === v));
     const drawn = pins.map(([vertex, target, color]) => ({ vertex, target, color }));
     for (const { vertex, answer, offset } of held) {

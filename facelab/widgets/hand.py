@@ -20,7 +20,7 @@ class Hand(anywidget.AnyWidget):
 
     Attributes
     ----------
-    pins : list of [vertex, target, color]
+    pins : list of [vertex, target, color, name]
     names : list of str
         Of vertices; `name_of` (uint32) says which is whose. Empty for numbers.
     settled : str
@@ -60,7 +60,7 @@ class Hand(anywidget.AnyWidget):
         ----------
         press : str
         pull : ndarray of shape (n_vertices, 3, 3) or BoundedPull
-        vertex : int
+        vertex : int or None
         target : ndarray of shape (3,)
             Where its target is before the pull, millimetres.
         ahead : ndarray of shape (3,)
@@ -69,7 +69,7 @@ class Hand(anywidget.AnyWidget):
         told = {
             "do": "answer",
             "press": press,
-            "vertex": int(vertex),
+            "vertex": vertex if vertex is None else int(vertex),
             "target": np.asarray(target).tolist(),
             "ahead": np.asarray(ahead).tolist(),
         }

@@ -225,10 +225,8 @@ class PosingLab(Lab):
         self.strip, self.clip = StripPanel(self), ClipPanel(self)
         self.files = FilePanel(self)
         self._captions = widgets.HTML(), widgets.HTML()
-        self._faces = widgets.HBox(
-            [widgets.VBox([self._captions[0], self.view.widget])],
-            layout={"flex_flow": "row nowrap"},
-        )
+        first = widgets.VBox([self._captions[0], self.view.widget], layout=_growing())
+        self._faces = widgets.HBox([first], layout={"flex_flow": "row nowrap"})
         above = [
             row(self.model_choice, self.ghost),
             row(self.beside, self.paint),
@@ -328,7 +326,7 @@ class PosingLab(Lab):
             wanted[1] = self.other_view
             box = widgets.VBox(
                 [self._captions[1], self.other_view.widget],
-                layout={"overflow": "hidden", "flex": "0 0 auto"},
+                layout=_growing(),
             )
             self._faces.children = [*self._faces.children, box]
         both = len(wanted) == 2
@@ -339,7 +337,7 @@ class PosingLab(Lab):
             caption.layout.display = "flex" if both else "none"
         for box in self._faces.children[1:]:
             box.layout.visibility = "visible" if both else "hidden"
-            box.layout.width = box.layout.height = "auto" if both else "0px"
+            box.layout.flex, box.layout.height = ("1 1 0", "auto") if both else ("0 0 0", "0px")
         scale = _SIDE_BY_SIDE if both else 1
         for view in wanted:
             view.resize(round(scale * width), round(scale * height))
@@ -368,7 +366,7 @@ class PosingLab(Lab):
         locked = self.session.locked
         colors = [_LOCKED if v in locked else _FREE for v in pins]
         for view, _ in self._answers:
-            view.show_pins(pins, colors)
+            view.show_pins(pins, colors, self.session.pin_names)
 
     @shows_errors
     def _show_ghost(self, _=None):
@@ -457,7 +455,9 @@ class PosingLab(Lab):
         target = self._from + offset
         self.session.drag(self._held, target)
         for view, posed, answer in self._hands:
-            if answer is not None:  # the page draws it
+            if answer is not None:  # the page draws the skin
+                if posed is self.session:
+                    view.carry_props(self.vertices)
                 continue
             if posed is not self.session:
                 posed.drag(self._held, target)
@@ -553,6 +553,10 @@ def _half(options, text, tip):
     made = widgets.Dropdown(options=options, description=text, layout={"width": "48%"})
     made.style.description_width, made.tooltip = "58px", tip
     return made
+
+
+def _growing():
+    return widgets.Layout(flex="1 1 0", min_width="0", overflow="hidden")
 
 
 _VIEWS = {"1": (0, 0, 1), "2": (0.7, 0, 0.7), "3": (-0.7, 0, 0.7)}

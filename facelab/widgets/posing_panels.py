@@ -7,6 +7,7 @@ from matplotlib.colors import to_hex, to_rgb
 
 from facelab.plotting import SKIN, region_colors
 from facelab.widgets.lab import WIDTH, Panel, button, row, toggle
+from facelab.widgets.pace import Pace
 from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.parts import ItemList
 from facelab.widgets.pins import PinPanel
@@ -55,6 +56,7 @@ class PosePanel(Panel):
         self.pins = self.pin_list.list
         toggles = row(self.symmetric, self.along, self.limit)
         self.widget = widgets.VBox([toggles, self.pin_list.widget, self.beta, self.gamma])
+        self.pace = Pace(self.beta, self.gamma)
         self.beta.observe(self._slide, names="value")
         self.gamma.observe(self._slide, names="value")
         for each in (self.symmetric, self.along, self.limit):

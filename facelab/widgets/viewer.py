@@ -238,7 +238,7 @@ class FaceView:
     def names(self):
         """Names of the vertices that the page shows under the mouse; empty for their numbers."""
         table, code = self._hand.names, np.frombuffer(self._hand.name_of, np.uint32)
-        return [table[c] for c in code]
+        return [table[c] or f"vertex {v}" for v, c in enumerate(code)]
 
     @names.setter
     def names(self, names):
@@ -246,6 +246,7 @@ class FaceView:
             raise ValueError(
                 f"names has {len(names)} names, but the face {self._n} vertices; give one for each."
             )
+        names = ["" if name == f"vertex {v}" else name for v, name in enumerate(names)]
         table = list(dict.fromkeys(names))
         place = {name: i for i, name in enumerate(table)}
         code = np.array([place[name] for name in names], np.uint32)
@@ -290,8 +291,9 @@ class FaceView:
         ----------
         answer : ndarray of shape (n_vertices, 3, 3) or BoundedPull
             What `PosingSession.press` or `Sculpt.press` returned.
-        vertex : int
-            The one that is held; a pin is drawn from it to its target.
+        vertex : int or None
+            The one that is held; a pin is drawn from it to its target. None if this face only
+            follows another one.
         target : ndarray of shape (3,)
             Where the target is before the pull, millimetres.
         ahead : ndarray of shape (3,)
@@ -363,7 +365,11 @@ class FaceView:
         if self._ghost is not None:
             self._ghost.visible = vertices is not None
 
-    def show_pins(self, pins, colors=None, takes=True):
+    def carry_props(self, vertices):
+        """Move eyes and teeth with the face, at (n_vertices, 3), while the page draws its skin."""
+        self._props.follow(np.asarray(vertices))
+
+    def show_pins(self, pins, colors=None, names=None, takes=True):
         """Draw pins: a dark dot on each vertex, a coloured one on its target, a line between.
 
         Parameters
@@ -372,13 +378,15 @@ class FaceView:
             Vertex to target, millimetres.
         colors : ndarray of shape (n_pins, 3), optional
             Of the targets, 0 to 1; yellow if left out.
+        names : dict of int to str, optional
+            Of pins that have one other than that of their vertex.
         takes : bool, default=True
             Whether the mouse takes hold of a pin near it rather than of the skin.
         """
         self._hand.takes_pins = takes
-        colors = [_TARGET] * len(pins) if colors is None else colors
+        colors, names = [_TARGET] * len(pins) if colors is None else colors, names or {}
         self._hand.pins = [
-            [int(v), np.asarray(target, dtype=float).tolist(), to_hex(color)]
+            [int(v), np.asarray(target, dtype=float).tolist(), to_hex(color), names.get(v, "")]
             for (v, target), color in zip(pins.items(), colors, strict=True)
         ]
 

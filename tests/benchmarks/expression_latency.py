@@ -13,7 +13,7 @@ import nbformat
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "browser"))
-from browser_lab import Lab
+from browser_lab import Lab, Server
 
 CELL = """
 import facelab, numpy as np, time
@@ -59,7 +59,7 @@ for place in range(30, 70):
 def measure(area, no_delay, n_moves=60):
     """Milliseconds to the face, to a bare word, and of the session alone; bytes of a step."""
     with tempfile.TemporaryDirectory() as folder:
-        lab = Lab(folder, no_delay)
+        lab = Lab(Server(folder, no_delay))
         try:
             cell = nbformat.v4.new_code_cell(CELL.replace("AREA", area))
             path = Path(folder) / "source" / "latency.ipynb"
@@ -90,6 +90,7 @@ def measure(area, no_delay, n_moves=60):
             return np.array(faces), np.array(words), 1e3 * took, np.median(sizes)
         finally:
             lab.close()
+            lab.server.close()
 
 
 def focus(page, slider):

@@ -1,7 +1,7 @@
 """The lab in Chromium: from a mouse move to the new pose in the page, and what 1,000 drags leave.
 
-The canvas is small, so that software rendering does not decide the result: what is measured is
-kernel, server and wire. Everything is a wall-clock time on this machine as busy as it is.
+The canvas is small, so that software rendering does not decide the result. Everything is a
+wall-clock time on this machine as busy as it is.
 """
 
 import sys
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "browser"))
-from browser_lab import Lab, write_notebook
+from browser_lab import Lab, Server, write_notebook
 
 CELLS = (
     """
@@ -59,27 +59,25 @@ lab.clip.stop.click()
 """
 
 WATCH = """
-window.sent = []; window.got = []; window.moves = [];
+window.sent = []; window.got = []; window.moves = []; window.drawn = [];
 const size = d => d.byteLength ?? d.size ?? d.length;
-const head = d => typeof d === 'string' ? d.slice(0, 5000)
-  : new TextDecoder('latin1').decode(d.slice(0, 5000));
-const isPose = d => /morphTargetInfluences|"array"/.test(head(d));
 const real = window.WebSocket;
 window.WebSocket = class extends real {
   constructor(...a) {
     super(...a);
-    this.addEventListener('message', e => window.got.push(
-      [performance.now(), size(e.data), isPose(e.data)]));
+    this.addEventListener('message', e => window.got.push(size(e.data)));
   }
-  send(d) { window.sent.push([performance.now(), size(d)]); super.send(d); }
+  send(d) { window.sent.push(size(d)); super.send(d); }
 };
-window.addEventListener('mousemove', () => window.moves.push(performance.now()), true);
+window.addEventListener('pointermove', () => window.moves.push(performance.now()), true);
+document.addEventListener('facelab-pull',
+  e => e.detail.drawn && window.drawn.push(performance.now()));
 """
 
 
 def open_lab(folder, area, no_delay):
     """A lab of this face in the page, watched."""
-    lab = Lab(folder, no_delay)
+    lab = Lab(Server(folder, no_delay))
     lab.page.add_init_script(WATCH)
     cells = [cell.replace("AREA", area) for cell in CELLS]
     lab.open(write_notebook(Path(folder) / "source" / "latency.ipynb", cells))
@@ -89,33 +87,27 @@ def open_lab(folder, area, no_delay):
 
 
 def drag_for(lab, seconds=10.0, every=0.11):
-    """Latencies (ms), bytes and messages of each move of one long drag."""
+    """Of one long drag: milliseconds to each drawing; bytes and messages each way, a second."""
     at = lab.run("", p="lab.view.project(rig.neutral.vertices[corners[:1]])[0].tolist()")["p"]
     box = lab.page.locator("canvas").first.bounding_box()
     x, y = box["x"] + at[0] * box["width"], box["y"] + at[1] * box["height"]
     mouse = lab.page.mouse
-    mouse.move(x - 1, y)
-    lab.settle()
     mouse.move(x, y)
-    lab.settle()
     mouse.down()
     lab.settle()
-    delays, sizes, counts = [], [], []
+    lab.page.evaluate("sent.length = got.length = moves.length = drawn.length = 0")
+    delays = []
     for k in range(round(seconds / every)):
-        lab.page.evaluate("sent.length = got.length = moves.length = 0")
+        lab.page.evaluate("moves.length = drawn.length = 0")
         mouse.move(x + 5 * np.sin(k / 7.3 + 0.2), y - 6 + 5 * np.cos(k / 5.1))
         lab.page.wait_for_timeout(1000 * every)
-        moves, got, sent = (lab.page.evaluate(n) for n in ("moves", "got", "sent"))
-        arrived = [t for t, _, is_pose in got if is_pose]
-        if moves and arrived:
-            delays.append(arrived[0] - moves[0])
-            sizes.append(
-                (sum(b for _, b, p in got if p), sum(b for _, b, _ in got), sum(b for _, b in sent))
-            )
-            counts.append(len(got) + len(sent))
+        moves, drawn = lab.page.evaluate("[moves, drawn]")
+        if moves and drawn:
+            delays.append(drawn[0] - moves[0])
+    got, sent = (np.array(lab.page.evaluate(name)) for name in ("got", "sent"))
     mouse.up()
     lab.settle()
-    return np.array(delays), np.array(sizes), np.array(counts)
+    return np.array(delays), [(sum(way) / seconds, len(way) / seconds) for way in (got, sent)]
 
 
 def memory(lab):
@@ -127,13 +119,12 @@ def memory(lab):
     return lab.run("import gc; _ = gc.collect()", r="resident()")["r"], heap
 
 
-def print_latency(name, how, delays, sizes, counts):
-    pose, down, up = np.median(sizes, axis=0)
+def print_latency(name, how, delays, traffic):
+    (down, n_down), (up, n_up) = traffic
     print(
         f"{name:>8}, {how}: median {np.median(delays):.1f} ms, 95 % "
-        f"{np.percentile(delays, 95):.1f} ms ({len(delays)} moves); to the page "
-        f"{pose:.0f} bytes of pose, {down:.0f} in all; from it {up:.0f}; "
-        f"{np.median(counts):.0f} messages",
+        f"{np.percentile(delays, 95):.1f} ms ({len(delays)} moves); a second to the page "
+        f"{down:.0f} bytes in {n_down:.0f} messages, from it {up:.0f} in {n_up:.0f}",
         flush=True,
     )
 
@@ -162,7 +153,7 @@ def main():
                     print_latency(name, how, *drag_for(lab))
                     if no_delay:
                         lab.run("session.use(rig); session.reset()")
-                        print_latency(name, "rig, whole faces sent", *drag_for(lab))
+                        print_latency(name, "rig, solved in the page", *drag_for(lab))
                         lab.run("session.use(region); session.reset()")
                         spent = lab.run(PLAYBACK, timeout=300, s="spent")["s"]
                         print(f"{name:>8}, take played: {100 / spent:.0f} frames a second leave")
@@ -170,6 +161,7 @@ def main():
                         print_growth(lab)
                 finally:
                     lab.close()
+                    lab.server.close()
 
 
 if __name__ == "__main__":

@@ -5,7 +5,8 @@ from browser_lab import Lab, Server, write_notebook
 
 CELLS = (
     "from facelab.widgets import PosingLab",
-    "lab = PosingLab.example()\nlab",
+    # small, for it grows to twice as many pixels, and those are drawn without a graphics card
+    "lab = PosingLab.example(width=320, height=368)\nlab",
     "twin = PosingLab(lab.session, lab.models, lab.props, width=240, height=276)\ntwin",
 )
 

@@ -177,6 +177,114 @@ def test_pressing_without_moving_changes_nothing(fresh):
     np.testing.assert_array_equal(vertices(fresh), before)
 
 
+def target_of(lab):
+    """Where the only pin is pulled to, mm."""
+    (target,) = lab.run("", t="[t.tolist() for t in session.pins.values()]")["t"]
+    return np.array(target)
+
+
+def test_a_pin_is_taken_again_and_no_second_one_beside_it(fresh):
+    pull(fresh, "mouth_corner_left", SMIRK)
+    before, mouse = target_of(fresh), fresh.page.mouse
+    ((x, y),) = on_page(fresh, before)
+    mouse.move(x - 6, y - 7)
+    expect(fresh.page.locator(".facelab-label").first).to_have_text("mouth corner left")
+    mouse.down()
+    mouse.move(x - 16, y - 7, steps=3)
+    mouse.up()
+    fresh.settle()
+    ((x_now, y_now),) = on_page(fresh, target_of(fresh))
+    assert (x_now, y_now) == pytest.approx((x - 10, y), abs=0.1)
+    fresh.run("session.remove_pin(list(session.pins)[0])")
+
+
+def camera(lab):
+    """Where the camera stands in the page, mm."""
+    return np.array(lab.page.evaluate("document.querySelector('.facelab-face').facelab.eye()"))
+
+
+def test_pressing_an_eyeball_says_so_and_does_not_turn_the_head(fresh):
+    eye = "max((m.vertices for m, _ in lab.props), key=lambda V: V[:, 1].mean())"
+    spot = fresh.run(f"eye = {eye}", p="eye[eye[:, 2].argmax()].tolist()")["p"]
+    ((x, y),) = on_page(fresh, spot)
+    before, stood = vertices(fresh), camera(fresh)
+    fresh.page.mouse.move(x, y)
+    fresh.page.mouse.down()
+    expect(fresh.page.locator(".facelab-label").first).to_contain_text("Not skin")
+    fresh.page.mouse.move(x + 60, y + 20, steps=4)
+    fresh.page.mouse.up()
+    fresh.settle()
+    np.testing.assert_array_equal(camera(fresh), stood)
+    np.testing.assert_array_equal(vertices(fresh), before)
+
+
+def test_arrow_keys_move_the_last_pin_along_the_screen_in_one_step(fresh):
+    pull(fresh, "mouth_corner_left", [2, 4, 0])
+    before, steps = target_of(fresh), fresh.run("", n="session.n_undo")["n"]
+    for key in ("ArrowRight", "ArrowRight", "Shift+ArrowUp", "ArrowLeft"):
+        fresh.page.keyboard.press(key)
+    wait_until(fresh, f"session.n_undo == {steps + 1} and not lab.view.dragging")
+    np.testing.assert_allclose(target_of(fresh) - before, [0.5, 2, 0], atol=1e-6)
+
+
+TURN_AT_ONCE = """([clientX, clientY]) => {
+  const canvas = document.querySelector(".facelab-face canvas");
+  const there = { clientX, clientY, bubbles: true, cancelable: true };
+  canvas.dispatchEvent(new PointerEvent("pointermove", there));
+  canvas.dispatchEvent(new WheelEvent("wheel", { ...there, deltaY: -30 })); }"""
+
+
+def test_the_wheel_scrolls_the_page_until_the_mouse_has_rested_on_the_face(fresh):
+    ((x, y),) = on_page(fresh, vertices(fresh)[landmark(fresh, "nose_tip")])
+    away, mouse = np.linalg.norm(camera(fresh)), fresh.page.mouse
+    fresh.page.evaluate(TURN_AT_ONCE, [x, y])
+    fresh.settle()
+    assert np.linalg.norm(camera(fresh)) == pytest.approx(away)
+    fresh.bring_into_view()
+    mouse.move(x + 3, y)
+    mouse.move(x, y)
+    fresh.page.wait_for_timeout(600)  # the rest
+    mouse.wheel(0, -30)
+    fresh.settle()
+    assert np.linalg.norm(camera(fresh)) < 0.99 * away
+
+
+def test_the_views_of_the_canvas_turn_the_camera_and_tell_the_kernel(fresh):
+    away = np.linalg.norm(camera(fresh))
+    fresh.page.get_by_label("From the person's left").first.click()
+    fresh.settle()
+    told = np.array(fresh.run("", e="list(lab.view._camera.position)")["e"])
+    np.testing.assert_allclose(told, [away, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(camera(fresh), told, atol=1e-6)
+
+
+def test_the_canvas_grows_with_the_page_and_nothing_has_to_be_scrolled_sideways(fresh):
+    widths = []
+    for size in ((1100, 700), (1250, 800), (1400, 1000)):
+        fresh.page.set_viewport_size({"width": size[0], "height": size[1]})
+        box = fresh.bring_into_view()
+        snapshot(fresh, f"page_{size[0]}")
+        wide = fresh.page.evaluate(
+            "() => [...document.querySelectorAll('.jp-OutputArea, .jp-WindowedPanel-outer')]"
+            ".filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.className)"
+        )
+        assert not wide, f"at {size}: {wide}"
+        widths.append(box["width"])
+    assert widths[0] < widths[1] < widths[2]
+
+
+def test_the_face_can_fill_the_screen(fresh):
+    fresh.page.get_by_label("Full screen").first.click()
+    fresh.page.wait_for_function("document.fullscreenElement !== null")
+    fresh.settle()
+    box = fresh.page.locator("canvas").first.bounding_box()
+    snapshot(fresh, "full_screen")
+    assert (box["width"], box["height"]) == (1400, 1000)
+    fresh.page.get_by_label("Full screen").first.click()
+    fresh.page.wait_for_function("document.fullscreenElement === null")
+    assert fresh.bring_into_view()["height"] < 900
+
+
 def test_undo_and_redo_return_exactly_by_button_and_by_key(fresh):
     before, cells = vertices(fresh), fresh.page.locator(".jp-Cell").count()
     pull(fresh, "mouth_corner_left", [2, 5, 0])
@@ -256,6 +364,29 @@ def test_a_slider_changes_the_answer_and_its_drag_is_one_step(fresh):
     press(fresh, "z")
     press(fresh, "z")
     np.testing.assert_array_equal(vertices(fresh), before)
+
+
+def test_a_slider_tells_the_kernel_ten_times_a_second_and_where_it_ends(fresh):
+    fresh.run(
+        "import time\nheard = []\n"
+        "lab.pose.gamma.observe(lambda change: heard.append(time.monotonic()), 'value')"
+    )
+    slider = fresh.page.locator(".widget-inline-hbox", has_text="Stay close γ").first
+    slider.scroll_into_view_if_needed()
+    box = slider.locator(".noUi-handle").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    fresh.page.mouse.move(x, y)
+    fresh.page.mouse.down()
+    for step in range(40):
+        fresh.page.mouse.move(x + 1.5 * step, y)
+        fresh.page.wait_for_timeout(20)
+    fresh.page.mouse.up()
+    shown = slider.locator(".widget-readout").text_content()
+    wait_until(fresh, f"f'{{session.gamma:.3g}}' == {shown!r}")
+    heard = np.array(fresh.run("", h="heard")["h"])
+    assert len(heard) > 1
+    # counted where they arrive, so that one may have been late and the next in time
+    assert max(np.count_nonzero((heard >= t) & (heard < t + 1)) for t in heard) <= 11
 
 
 def test_a_slider_molds_the_region_that_was_clicked(fresh):

@@ -55,6 +55,8 @@ class Puller:
 
     def _place(self, kind):
         """Which canvas is pulled, and where, pixels of the page."""
+        if kind in self._places:
+            return self._places[kind]
         expression = kind == "expression"
         which = "sketch.sketch_view" if expression else "view"
         canvas = self.lab.page.locator(".facelab-face canvas").nth(int(expression))
@@ -66,7 +68,9 @@ class Puller:
         )
         at = self.lab.run("", p=f"{which}.project({which}.vertices[[{vertex}]])[0].tolist()")["p"]
         corner = np.array([box["x"], box["y"]])
-        return int(expression), corner + np.array(at) * [box["width"], box["height"]]
+        place = int(expression), corner + np.array(at) * [box["width"], box["height"]]
+        self._places = {kind: place}  # to see another canvas the page is scrolled
+        return place
 
     def _seen(self, kind, canvas):
         """The face that the page draws, and the one that the kernel has, (n_vertices, 3)."""
@@ -91,8 +95,8 @@ class Puller:
         canvas, start = self._place(kind)
         mouse, page = self.lab.page.mouse, self.lab.page
         mouse.move(*start)
+        page.wait_for_timeout(150)  # as long as the page keeps back what is under the mouse
         self.lab.settle()
-        page.wait_for_timeout(200)
         page.evaluate("sent.length = late.length = 0")
         self.wire.delay = delay
         mouse.down()

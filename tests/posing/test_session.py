@@ -5,6 +5,7 @@ import literal
 import numpy as np
 import pytest
 from planted import bumps, corner_regions, quarters, three_strips
+from pulls import moved, target_in
 from real_face import LIDS, PULLED, control_face, models
 from scipy.spatial import Delaunay
 from shapes import grid_mesh
@@ -739,6 +740,26 @@ def test_a_drag_of_a_bound_face_shows_what_solving_anew_gives(bound):
     shown = bound.vertices
     bound.release()
     np.testing.assert_allclose(bound.vertices, shown, atol=1e-9)
+
+
+@pytest.mark.parametrize("how", ["limit", "rig"])
+@pytest.mark.parametrize("symmetric", [False, True])
+def test_a_bounded_pull_says_all_that_solving_a_drag_needs(bound, rng, how, symmetric):
+    if how == "rig":
+        deltas = 6 * rng.normal(size=(5, bound.neutral.n_vertices, 3))
+        bound.use(BlendshapeRig(bound.neutral, "abcde", deltas))
+    else:
+        bound.set(limit=0.5)
+    pull(bound, 200, [0.0, 2, 1])
+    bound.symmetric = symmetric
+    before, start = bound.vertices, bound.vertices[77]
+    answer = bound.press(77)
+    for by in ([0.5, 0.2, 0.1], [3.0, -3, 9], [-60.0, 20, 0]):
+        bound.drag(77, start + by)
+        t = target_in(answer, start + by) - start
+        np.testing.assert_allclose(before + moved(answer, t), bound.vertices, atol=2e-3)
+        if how == "limit":
+            np.testing.assert_allclose(bound.pins[77] - start, t, atol=1e-9)
 
 
 # --- density --------------------------------------------------------------------------------------

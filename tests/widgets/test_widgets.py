@@ -121,7 +121,7 @@ def test_where_the_pose_is_not_affine_the_page_solves_and_draws_the_same(lab, ho
 
 @pytest.mark.parametrize("how", ["rig", "limit"])
 def test_a_face_too_large_for_the_page_to_solve_is_sent_whole(lab, how, monkeypatch):
-    monkeypatch.setattr("facelab.posing.solver._LARGEST_BASIS", 0)
+    monkeypatch.setattr("facelab.posing.solver.LARGEST_BASIS", 0)
     if how == "rig":
         lab.model_choice.value = "rig"
     else:
