@@ -23,7 +23,7 @@ endif
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 
 .PHONY: help lab app env data test lint unit test-notebooks browser test-browser test-all \
-	test-long test-bare soak notebooks results bench lock clean
+	test-long test-bare soak notebooks results bench mutants lock clean
 
 help:
 	@echo "make lab        set up all, open the lab in JupyterLab"
@@ -33,6 +33,7 @@ help:
 	@echo "make env        only the environment, in .venv"
 	@echo "make data       only the data (real faces are downloaded once, synthetic ones made)"
 	@echo "make notebooks  run every notebook in place and store its outputs"
+	@echo "make mutants    a sample of the mathematics broken on purpose: which tests notice"
 	@echo "make results    every error of notebook 04 and the table of all models, in results/"
 	@echo "make bench      run the benchmarks"
 	@echo "make lock       resolve requirements.lock and environment.yml anew from pyproject.toml"
@@ -130,7 +131,7 @@ results: env data
 bench: env data browser
 	$(BIN)/python tests/benchmarks/run.py
 
-mutants: env  ## a sample of the mathematics broken on purpose: which tests notice
+mutants: env
 	$(BIN)/python tests/mutate.py --sample 20
 
 lock: env

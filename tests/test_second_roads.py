@@ -8,8 +8,10 @@ from sklearn.metrics import adjusted_rand_score
 from sklearn.utils import check_random_state
 
 from facelab import HolisticModel, MotionSequence, RegionModel
+from facelab.expression import regress_expression
 from facelab.models.blending import BLEND_REACH, GradientBlend
 from facelab.posing.solver import PoseSolver
+from facelab.rig import BlendshapeRig
 from facelab.segmentation import Affinity, Regions
 
 
@@ -81,3 +83,16 @@ def test_a_limited_pull_reaches_two_limits_in_deviations_of_the_vertex(ball):
     # three modes hold these frames exactly: deviations are those of the vertex itself
     np.testing.assert_allclose(centre, own.mean(axis=0), atol=1e-8)
     assert radius == pytest.approx(4 * np.sqrt(own.var(axis=0, ddof=1).sum()), rel=0.02)
+
+
+def test_units_cancel_only_where_they_move_a_tenth_of_a_millimetre(ball):
+    """Two bumps that undo each other; what moves nobody could see counts for nothing."""
+    bump = np.exp(-ball.geodesics([40])[0] / 15)
+    deltas = np.zeros((2, ball.n_vertices, 3))
+    deltas[0, :, 2], deltas[1, :, 2] = bump, -bump
+    deltas[1, :, 0] = 0.2 * bump  # or one would follow from the other
+    rig = BlendshapeRig(ball, ("up", "down"), deltas)
+    for weight, pairs in ((0.07, []), (0.13, [("up", "down")])):
+        locked = {"up": weight, "down": weight}
+        fit = regress_expression(rig, ball, 0, [0], locked=locked)
+        assert fit.cancelling(0) == pairs

@@ -115,6 +115,11 @@ def find_units(rig, sketch, bounds=(0, 1), *, locked=None, excluded=(), align="c
     ValueError
         As `regress_expression`.
 
+    Notes
+    -----
+    For sketches of a few units. A recorded face moves many shapes a little: there the plain fit
+    (`regress_expression` with lam=0, `regress_sequence`) has the smaller error, notebook 06.
+
     References
     ----------
     Yu and Liu 2014, section VI asks whether a method "can accurately filter the right AUs"; the

@@ -105,22 +105,40 @@ def adding(curves, people, families=("holistic", REGION), sizes=EACH):
     return np.array(added), np.array(first)
 
 
-def by_regions(actors, counts=(5, 9, 13, 20, 30), n_components=10, target="truth"):
-    """Errors against the number of regions: trained on the first actor, tested on all.
+@dataclass(frozen=True, eq=False)
+class ErrorGrid:
+    """Errors by number of regions and of components, trained on one actor, tested on several.
+
+    Attributes
+    ----------
+    counts, sizes : tuple of int
+        Numbers of regions; components of each region.
+    region : ndarray of shape (n_counts, n_sizes, n_actors)
+        E_RMS, millimetres.
+    holistic : ndarray of shape (n_sizes, n_actors)
+        The whole face with as many components as one region has.
+    as_many : ndarray of shape (n_counts, n_sizes, n_actors)
+        The whole face with as many components as all regions together.
+    """
+
+    counts: tuple
+    sizes: tuple
+    region: np.ndarray
+    holistic: np.ndarray
+    as_many: np.ndarray
+
+
+def error_grid(actors, counts=(5, 9, 13, 20, 30), sizes=(1, 2, 5, 10, 20), target="truth"):
+    """Errors against the number of regions and of their components: ErrorGrid.
 
     Parameters
     ----------
     actors : dict of str to RegisteredActor
-    counts : sequence of int
-        Numbers of regions.
-    n_components : int
-        Of each region; the holistic model has as many, and as many as all regions together.
+        The first one's training sentences teach, and its full set gives the regions; the test
+        sentences of all are rebuilt.
+    counts, sizes : sequence of int
     target : {"frames", "truth"}
-
-    Returns
-    -------
-    dict of str to ndarray of shape (n_counts, n_actors)
-        "region", "holistic, equal components", "holistic, equal parameters", millimetres.
+        What errors are measured against.
     """
     first = next(iter(actors.values()))
     X = first.motion("train").displacements()
@@ -128,22 +146,19 @@ def by_regions(actors, counts=(5, 9, 13, 20, 30), n_components=10, target="truth
     wanted = tests
     if target == "truth":
         wanted = [a.truth("test").displacements() for a in actors.values()]
-    rich = HolisticModel(min(n_components * max(counts), len(X) - 1)).fit(X)
-    found = {
-        name: [] for name in ("region", "holistic, equal components", "holistic, equal parameters")
-    }
+
+    def errors(model):
+        return [rms_error(w, model.reconstruct(x)) for x, w in zip(tests, wanted, strict=True)]
+
+    most = min(len(X) - 1, X.shape[1])
+    whole = HolisticModel(min(max(counts) * max(sizes), most)).fit(X)
+    region, as_many = [], []
     for count in counts:
-        regions = face_regions(first, count)
-        models = (
-            RegionModel(regions, n_components).fit(X),
-            rich.truncated(n_components),
-            rich.truncated(min(n_components * count, rich.n_coefficients)),
-        )
-        for rows, model in zip(found.values(), models, strict=True):
-            rows.append(
-                [rms_error(w, model.reconstruct(x)) for x, w in zip(tests, wanted, strict=True)]
-            )
-    return {name: np.array(rows) for name, rows in found.items()}
+        rich = RegionModel(face_regions(first, count), max(sizes)).fit(X)
+        region.append([errors(rich.truncated(n)) for n in sizes])
+        as_many.append([errors(whole.truncated(min(count * n, most))) for n in sizes])
+    holistic = [errors(whole.truncated(n)) for n in sizes]
+    return ErrorGrid(*map(tuple, (counts, sizes)), *map(np.array, (region, holistic, as_many)))
 
 
 def within_marks(X, X_hat, radius=MARKER):

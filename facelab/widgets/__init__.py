@@ -1,5 +1,6 @@
 """Views for the notebook: ipywidgets and pythreejs on top of the sessions."""
 
+from facelab.widgets.alpha_view import AlphaView
 from facelab.widgets.expression_lab import ExpressionLab
 from facelab.widgets.landmark_picker import LandmarkPicker
 from facelab.widgets.player import Player
@@ -9,6 +10,7 @@ from facelab.widgets.segmentation_view import SegmentationView
 from facelab.widgets.viewer import FaceView
 
 __all__ = [
+    "AlphaView",
     "ExpressionLab",
     "FaceView",
     "LandmarkPicker",

@@ -123,3 +123,20 @@ def test_a_session_keeps_what_is_found_in_one_step(basis):
     assert before > len(found.units)
     session.undo()
     assert np.count_nonzero(session.weights > 0.01) == before
+
+
+@pytest.mark.real
+def test_the_smirk_of_the_readme_is_read_as_a_smile_first(real_rig, real_takes):
+    """A pose by regions is no mixture of the shapes: what is off is off as a whole."""
+    from facelab import model_from_take
+
+    face = model_from_take(real_takes["alex_rom_3"], real_rig, noise=0.3, progress=False)
+    session = face.session()
+    corner = face.neutral.landmarks["mouth_corner_left"]
+    session.drag(corner, face.neutral.vertices[corner] + [4, 6, -2])
+    found = find_units(real_rig, session.vertices)
+    first = next(iter(found.units))
+    assert first == "mouthSmile_L" and found.units[first] == max(found.units.values())
+    assert len(found.units) <= 4
+    plain = regress_expression(real_rig, session.vertices, 0, [0])
+    assert plain.names[int(plain.weights[0].argmax())] == "mouthLowerDown_R"

@@ -107,3 +107,35 @@ def test_a_face_is_sculpted_pull_after_pull(ball, motion):
     assert after_one < 0.1 and after_two < 0.1  # the first pin holds while the second is pulled
     assert np.linalg.norm(found.poses[1, 300] - found.targets[1]) < 0.1
     assert np.linalg.norm(found.poses[0, 300] - found.targets[1]) > 1
+
+
+class Teacher:
+    """What the grid asks of an actor: motion and the truth behind it, three planted waves."""
+
+    def __init__(self, ball, seed):
+        rng = np.random.default_rng(seed)
+        waves = np.sin(ball.vertices / 20)[None] * np.array([1, 2, 3])[:, None, None]
+        self.skin = np.tensordot(rng.normal(size=(60, 3)), waves**3, axes=1)
+        self.noise = rng.normal(scale=0.1, size=self.skin.shape)
+        self.ball = ball
+
+    def motion(self, kind=None):
+        return MotionSequence(self.ball.vertices + self.skin + self.noise, 15, self.ball)
+
+    def truth(self, kind):
+        return MotionSequence(self.ball.vertices + self.skin, 15, self.ball)
+
+
+def test_an_error_grid_has_each_model_at_its_place(ball):
+    actors = {"A": Teacher(ball, 0), "B": Teacher(ball, 1)}
+    grid = figure5.error_grid(actors, counts=(2, 4), sizes=(1, 3))
+    assert grid.region.shape == grid.as_many.shape == (2, 2, 2)
+    assert grid.holistic.shape == (2, 2) and (grid.counts, grid.sizes) == ((2, 4), (1, 3))
+    X = actors["A"].motion().displacements()
+    wanted = actors["B"].truth("test").displacements()
+    regions = figure5.face_regions(actors["A"], 4)
+    made = RegionModel(regions, 3).fit(X).reconstruct(actors["B"].motion().displacements())
+    by_hand = np.sqrt(3 * ((made - wanted) ** 2).mean())
+    assert grid.region[1, 1, 1] == pytest.approx(by_hand, rel=1e-6)
+    frames = figure5.error_grid(actors, (2,), (1,), "frames")
+    assert frames.region[0, 0, 0] > grid.region[0, 0, 0]  # the noise is not rebuilt
