@@ -49,6 +49,26 @@ def principal_components(X, n_components):
     return mean, _signed(components), variances
 
 
+def leading_modes(square, n):
+    """Largest n eigenvalues and their eigenvectors as rows, signed as `principal_components` does.
+
+    Parameters
+    ----------
+    square : ndarray of shape (n_features, n_features)
+        Symmetric.
+    n : int
+
+    Returns
+    -------
+    values : ndarray of shape (n,)
+        None negative, largest first.
+    modes : ndarray of shape (n, n_features)
+        Orthonormal.
+    """
+    values, vectors = _leading(square, n)
+    return values, _signed(vectors)
+
+
 def _leading(square, n):
     """Largest n eigenvalues, none negative, and their eigenvectors as columns."""
     if n == 0:
