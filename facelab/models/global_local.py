@@ -167,7 +167,7 @@ class GlobalLocalModel(RegionModel):
                     D = asked - mean
                     Z = D @ modes.T
                     for j, P in enumerate(sizes):
-                        risks[i, j] += _risk(D, Z[:, :P], variances[:P], noise)
+                        risks[i, j] += estimated_error(D, Z[:, :P], variances[:P], noise)
         return [SHARES[i] for i in risks.argmin(axis=0)]
 
     def _check_width(self, n_features):
@@ -310,14 +310,28 @@ def shrinkage(Z, variances, noise):
     return a
 
 
-def _risk(D, Z, variances, noise):
-    """Error against the truth of noisy frames D, rebuilt from their coefficients Z, as estimated.
+def estimated_error(D, Z, variances, noise):
+    """Squared error against the truth of rebuilt noisy frames, without the truth: their mean.
 
-    Stein's estimate, the mean over frames: |x - x_hat|^2 - n s^2 + 2 s^2 sum_k a_k.
+    Stein's estimate, |x - x_hat|^2 - n s^2 + 2 s^2 sum_k a_k.
+
+    Parameters
+    ----------
+    D : ndarray of shape (n_frames, n_features)
+        Noisy frames, counted from the mean.
+    Z : ndarray of shape (n_frames, P)
+        Their coefficients in orthonormal modes, before they are shrunk.
+    variances : ndarray of shape (P,)
+    noise : float
+        As for `shrinkage`.
+
+    References
+    ----------
+    Stein 1981. That the scale of a band follows from the frame is left out of it.
     """
     a = shrinkage(Z, variances, noise)
-    left = (D**2).sum(axis=1) - ((2 * a - a**2) * Z**2).sum(axis=1)  # orthonormal modes
-    return (left - D.shape[1] * noise + 2 * noise * a.sum(axis=1)).mean()
+    left = (D**2).sum(axis=1) - ((2 * a - a**2) * Z**2).sum(axis=1)
+    return float((left - D.shape[1] * noise + 2 * noise * a.sum(axis=1)).mean())
 
 
 def _modes(X, L, share, P):
