@@ -14,6 +14,7 @@ import facelab
 from facelab.face_model import FaceModel
 from facelab.files.gltf import write_clip_glb
 from facelab.files.poses import load_clip, load_pose, read_log, save_clip, save_pose
+from facelab.models.global_local import GlobalLocalModel
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.motion import WeightSequence
@@ -72,6 +73,7 @@ def turned():
 MODELS = {
     "region": lambda: RegionModel(corner_regions(), 4).fit(frames()),
     "holistic": lambda: HolisticModel(6).fit(frames()),
+    "between": lambda: GlobalLocalModel(corner_regions(), 6).fit(frames()),
     "turned": turned,
     "cut": lambda: RegionModel.from_bases(corner_regions(), np.zeros(126), rig().deltas),
     "rig": rig,
@@ -268,7 +270,7 @@ def test_a_plain_basis_poses_as_given_bases_do(rng):
 
 
 def test_no_room_above_the_models_asks_which_model_it_has():
-    kinds = {"RegionModel", "HolisticModel", "BlendshapeRig"}
+    kinds = {"RegionModel", "HolisticModel", "GlobalLocalModel", "BlendshapeRig"}
     found = []
     package = Path(facelab.__file__).parent
     for room in ("posing", "files", "widgets"):

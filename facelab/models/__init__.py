@@ -11,6 +11,7 @@ from facelab.models.evaluation import (
     sparse_model,
     variance_across,
 )
+from facelab.models.global_local import GlobalLocalModel
 from facelab.models.holistic import HolisticModel
 from facelab.models.localised import localised_model, varimax
 from facelab.models.region import RegionModel
@@ -19,6 +20,7 @@ from facelab.models.store import load_model
 __all__ = [
     "ErrorCurve",
     "FaceModel",
+    "GlobalLocalModel",
     "HolisticModel",
     "RegionModel",
     "components_of_blocks",

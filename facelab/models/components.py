@@ -91,6 +91,26 @@ def components_of_sets(X, columns, n_components):
     return mean, *map(list, zip(*found, strict=True))
 
 
+def leading_modes(square, n):
+    """Largest n eigenvalues and their eigenvectors as rows, signed as `principal_components` does.
+
+    Parameters
+    ----------
+    square : ndarray of shape (n_features, n_features)
+        Symmetric.
+    n : int
+
+    Returns
+    -------
+    values : ndarray of shape (n,)
+        None negative, largest first.
+    modes : ndarray of shape (n, n_features)
+        Orthonormal.
+    """
+    values, vectors = _leading(square, n)
+    return values, _signed(vectors)
+
+
 def _leading(square, n):
     """Largest n eigenvalues, none negative, and their eigenvectors as columns."""
     if n == 0:

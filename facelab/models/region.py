@@ -25,7 +25,7 @@ from facelab.storage import save_npz
 FILE = "linear-face-model", 1
 ARRAYS = frozenset(
     "model n_components beta spread blending mean counts components variances labels vertices "
-    "faces landmark_names landmarks sharing rings held samples".split()
+    "faces landmark_names landmarks sharing rings held samples softness share noise chosen".split()
 )
 
 N_COMPONENTS = 30
@@ -426,9 +426,16 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         )
         if self.variances_ is not None:
             arrays["variances"] = np.concatenate(self.variances_)
-        if self.regions is not None:
-            arrays |= self.regions.packed()
-        save_npz(path, *FILE, **arrays)
+        save_npz(path, *FILE, **arrays, **self.own_arrays())
+
+    def own_arrays(self):
+        """What a file holds of this kind of model alone: here the regions, if there are any."""
+        return {} if self.regions is None else self.regions.packed()
+
+    @classmethod
+    def own_settings(cls, stored):
+        """The settings in `own_arrays`: dict."""
+        return dict(regions=Regions.unpacked(stored) if "labels" in stored else None)
 
     @classmethod
     def unpacked(cls, stored):
@@ -472,13 +479,12 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
             beta=stored.read("beta", (), "iuf").item(),
             spread=stored.read("spread", (), "U").item(),
             blending=stored.read("blending", (), "U").item(),
-            regions=Regions.unpacked(stored) if "labels" in stored else None,
+            **cls.own_settings(stored),
         )
-        model = cls()
+        taken = cls._get_param_names()
+        model = cls(**{name: value for name, value in settings.items() if name in taken})
         for name, value in settings.items():
-            if name in model.get_params(deep=False):
-                setattr(model, name, value)
-            elif value != getattr(model, name):
+            if name not in taken and value != getattr(model, name):
                 raise ValueError(f"{name}={value!r}, which a {cls.__name__} cannot have")
         model._check_settings()
         return model

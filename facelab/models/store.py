@@ -1,11 +1,12 @@
 """Models from files."""
 
 from facelab.checks import check_choice
+from facelab.models.global_local import GlobalLocalModel
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import ARRAYS, FILE, RegionModel
 from facelab.storage import open_npz
 
-_KINDS = {"HolisticModel": HolisticModel, "RegionModel": RegionModel}
+_KINDS = {kind.__name__: kind for kind in (GlobalLocalModel, HolisticModel, RegionModel)}
 
 
 def load_model(path):
@@ -13,7 +14,7 @@ def load_model(path):
 
     Returns
     -------
-    RegionModel or HolisticModel
+    RegionModel, HolisticModel or GlobalLocalModel
 
     Raises
     ------

@@ -16,6 +16,7 @@ from tqdm.auto import tqdm
 from facelab import data
 from facelab.face_model import FaceModel
 from facelab.models.evaluation import rms_error
+from facelab.models.global_local import GlobalLocalModel
 from facelab.models.holistic import HolisticModel
 from facelab.models.localised import localised_model, varimax
 from facelab.models.region import RegionModel
@@ -32,7 +33,7 @@ EACH = (1, 2, 5, 10, 20)
 GLOBAL = 10
 """Modes of the whole face before regions of the rest."""
 
-SPARSE_FRAMES, SPARSE_MOST = 300, 130
+SPARSE_FRAMES, SPARSE_MOST = 300, 100
 """Frames that sparse localised components are learned from, evenly picked, and the most of them
 that are learned: it takes long."""
 
@@ -149,6 +150,11 @@ def entries(task, sizes=SIZES, each=EACH):
             n,
             GlobalThenRegions(first, rest.truncated(n - GLOBAL, "total")),
         )
+    shares = GlobalLocalModel(regions).shares_for(X, sizes)  # as each size would choose by itself
+    for share in dict.fromkeys(shares):
+        rich = GlobalLocalModel(regions, max(sizes), share).fit(X)
+        for n in (n for n, chosen in zip(sizes, shares, strict=True) if chosen == share):
+            yield Entry("global and local", "total", n, rich.truncated(n))
     some = X[np.unique(np.linspace(0, len(X) - 1, SPARSE_FRAMES).astype(int))]
     for n in (n for n in sizes if n <= SPARSE_MOST):
         yield Entry("sparse localised", "total", n, localised_model(some, task.mesh, n))

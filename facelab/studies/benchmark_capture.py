@@ -8,6 +8,7 @@ from scipy.spatial import Delaunay
 
 from facelab.geometry.mesh import TriangleMesh
 from facelab.models.evaluation import rms_error
+from facelab.models.global_local import GlobalLocalModel
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.motion import MotionSequence
@@ -30,6 +31,7 @@ def marker_models(X, mesh, sizes=MARKER_SIZES):
     for n in sizes:
         yield "holistic", whole.truncated(n)
         yield "regions", split.truncated(n, "total")
+        yield "global and local", GlobalLocalModel(regions, n).fit(X)
 
 
 def left_out_error(model, X):

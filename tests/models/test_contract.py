@@ -8,6 +8,7 @@ import pytest
 from planted import corner_regions, three_strips
 
 from facelab.models.components import row_blocks
+from facelab.models.global_local import GlobalLocalModel
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import N_COMPONENTS, RegionModel
 from facelab.motion import MotionSequence
@@ -49,12 +50,15 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-@pytest.mark.parametrize("kind", ["region", "holistic"])
+@pytest.mark.parametrize("kind", ["region", "holistic", "between"])
 def test_a_refused_fit_changes_nothing_that_a_model_knows(rng, kind, name):
     if kind == "holistic" and name in ("another width", "other regions", "a setting"):
         pytest.skip("the whole face as one region takes any width and has no such setting")
+    if kind == "between" and name in ("other regions", "a setting"):
+        pytest.skip("it has no such setting")
     X = rng.normal(size=(40, 126))
-    model = RegionModel(corner_regions(), 4) if kind == "region" else HolisticModel(4)
+    kinds = {"region": RegionModel, "between": GlobalLocalModel}
+    model = kinds[kind](corner_regions(), 4) if kind in kinds else HolisticModel(4)
     model.fit(X)
     before = learned(model)
     assert {"mean_", "members_", "n_features_in_"} <= before.keys()
@@ -183,6 +187,7 @@ def test_lost_frames_on_disk_are_refused_with_their_place(rng, stored, monkeypat
 PEAK = """
 import resource, sys
 import numpy as np
+from facelab.models.global_local import GlobalLocalModel
 from facelab.models.holistic import HolisticModel
 rng = np.random.default_rng(0)
 model = HolisticModel(5).fit(rng.normal(size=(20, 3000)))

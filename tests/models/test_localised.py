@@ -28,6 +28,12 @@ def test_planted_bumps_are_found_one_in_each_component(planted):
     assert np.square(left).sum() < 0.01 * np.square(X - X.mean(axis=0)).sum()
 
 
+def test_weights_reach_one_and_no_further(planted):
+    mesh, X, _ = planted
+    model = localised_model(X, mesh, 4, sparsity=10.0, rounds=40)
+    np.testing.assert_allclose(np.abs(model.transform(X)).max(axis=0), 1, atol=0.01)
+
+
 def test_nothing_far_from_its_middle_moves_where_sparsity_is_high(planted):
     mesh, X, _ = planted
     noisy = X + np.random.default_rng(0).normal(scale=0.1, size=X.shape)

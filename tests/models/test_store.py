@@ -11,6 +11,7 @@ import pytest
 from mutants import BINARY, BYTES, COUNT, verdict
 from planted import corner_regions, quarters
 
+from facelab.models.global_local import GlobalLocalModel
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.models.store import load_model
@@ -29,6 +30,7 @@ def models():
         "total": RegionModel(corner_regions(), 9, spread="total", blending="gradient").fit(X),
         "dense": RegionModel(dense, 2).fit(rng.normal(size=(20, 216))),
         "whole": HolisticModel().fit(X),
+        "between": GlobalLocalModel(corner_regions(), 4).fit(X),
         "given": RegionModel.from_bases(corner_regions(), np.ones(126), rng.normal(size=(3, 126))),
     }
 

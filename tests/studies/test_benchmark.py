@@ -1,6 +1,7 @@
 import csv
 from types import SimpleNamespace
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from planted import bumps, corner_regions
@@ -9,7 +10,7 @@ from facelab import data
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.rig import BlendshapeRig
-from facelab.studies import benchmark, benchmark_capture, benchmark_table
+from facelab.studies import benchmark, benchmark_capture, benchmark_figures, benchmark_table
 from facelab.studies.benchmark_data import Asked, Task
 
 
@@ -45,7 +46,8 @@ def rows(task, models):
 
 
 def test_every_family_is_asked_about_every_take(rows):
-    families = {"holistic", "rotated", "regions", "global, then regions", "sparse localised"}
+    families = {"holistic", "rotated", "regions", "global, then regions", "global and local"}
+    families |= {"sparse localised"}
     for family in families:
         for size in (12, 20):
             of = [
@@ -203,3 +205,22 @@ def test_data_that_cannot_be_had_are_said_and_left_out(monkeypatch, capsys):
     monkeypatch.setattr(benchmark.benchmark_data, "aura_tasks", missing)
     assert list(benchmark.tasks()) == [there]
     assert capsys.readouterr().out.count("Left out: no face here") == 2
+
+
+def test_the_figure_shows_medians_and_names_its_axes(rows):
+    locality = [
+        dict(model="regions", spread="total", size=12, far_equal_mm=0.25),
+        dict(model="regions", spread="total", size=20, far_equal_mm=None),
+    ]
+    fig = benchmark_figures.compared(rows, locality, "planted")
+    left, right = fig.axes
+    lines = {line.get_label(): line for line in left.lines}
+    of = [
+        r["truth_mm"]
+        for r in rows
+        if (r["model"], r["spread"], r["size"]) == ("regions", "total", 12)
+    ]
+    assert lines["regions"].get_ydata()[0] == np.median(of)
+    assert [line.get_xdata()[0] for line in right.lines] == [0.25]
+    assert "mm" in left.get_ylabel() and "mm" in right.get_xlabel()
+    plt.close(fig)
