@@ -1,0 +1,78 @@
+"""One piece of work for each of many items: whatever fails, the others are done."""
+
+import time
+
+from facelab.numeric.engine import Killed, told
+
+PATIENCE = 60.0
+"""Seconds without a single worker after which what is left counts as not reached."""
+
+
+class Lost(RuntimeError):
+    """No worker was left, so this was not reached."""
+
+
+def each(work, items, client, patience=PATIENCE):
+    """Do the same to each item on the workers of a cluster.
+
+    Parameters
+    ----------
+    work : callable
+        Takes an item; a function of a module, which the workers can import.
+    items : sequence
+    client : distributed.Client
+        From `cluster`.
+    patience : float, default=60
+        Seconds without a single worker after which the rest is given up.
+
+    Yields
+    ------
+    index : int
+        Of the item, in the order in which they come back.
+    result : object
+        What `work` made; None where it failed.
+    error : Exception or None
+        What `work` raised; `Killed` where the workers that had it died one after the other, at
+        last each with nothing else to do; `Lost` where no worker was left.
+    """
+    killed = []
+    for i, result, error in _rounds(work, dict(enumerate(items)), client, patience):
+        if isinstance(error, Killed):  # it, or another that its worker had fetched with it
+            killed.append(i)
+        else:
+            yield i, result, error
+    for i in killed:
+        yield from _rounds(work, {i: items[i]}, client, patience)
+
+
+def _rounds(work, items, client, patience):
+    from distributed import wait
+
+    waiting = {client.submit(work, item, pure=False): i for i, item in items.items()}
+    alone_since = None
+    try:
+        while waiting:
+            try:
+                found = wait(list(waiting), timeout=1.0, return_when="FIRST_COMPLETED").done
+            except TimeoutError:
+                found = ()
+            for future in found:
+                i, error = waiting.pop(future), _error(future)
+                yield i, None if error else future.result(), error
+            if client.scheduler_info(n_workers=-1)["workers"]:
+                alone_since = None
+                continue
+            alone_since = alone_since or time.monotonic()
+            if not found and time.monotonic() - alone_since > patience:
+                break
+        for i in sorted(waiting.values()):
+            yield i, None, Lost(f"no worker was left, and none came within {patience:g} s.")
+    finally:
+        client.cancel(list(waiting))
+
+
+def _error(future):
+    if future.cancelled():
+        return Lost("it was cancelled: the scheduler was stopped, or lost.")
+    error = future.exception()
+    return None if error is None else told(error)
