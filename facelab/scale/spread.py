@@ -57,9 +57,14 @@ def _rounds(work, items, client, patience):
             except TimeoutError:
                 found = ()
             for future in found:
-                i, error = waiting.pop(future), _error(future)
-                yield i, None if error else future.result(), error
-            if client.scheduler_info(n_workers=-1)["workers"]:
+                try:
+                    result, error = None, _error(future)
+                    if error is None:
+                        result = future.result(timeout=10)
+                except TimeoutError:  # lost with its worker, which is made good by another
+                    continue
+                yield waiting.pop(future), result, error
+            if client.ncores():
                 alone_since = None
                 continue
             alone_since = alone_since or time.monotonic()
@@ -74,5 +79,5 @@ def _rounds(work, items, client, patience):
 def _error(future):
     if future.cancelled():
         return Lost("it was cancelled: the scheduler was stopped, or lost.")
-    error = future.exception()
+    error = future.exception(timeout=10)
     return None if error is None else told(error)
