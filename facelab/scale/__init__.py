@@ -5,8 +5,8 @@ Takes go to workers one by one (`each`); models learn from frames that lie in bl
 """
 
 from facelab.numeric.engine import Killed
-from facelab.scale.cluster import cluster
 from facelab.scale.frames import Frames, frames_of
+from facelab.scale.machines import cluster
 from facelab.scale.spread import Lost, each
 
 __all__ = ["Frames", "Killed", "Lost", "cluster", "each", "frames_of"]

@@ -1,6 +1,7 @@
 """One piece of work for each of many items: whatever fails, the others are done."""
 
 import time
+from concurrent.futures import CancelledError
 
 from facelab.numeric.engine import Killed, told
 
@@ -56,6 +57,8 @@ def _rounds(work, items, client, patience):
                 found = wait(list(waiting), timeout=1.0, return_when="FIRST_COMPLETED").done
             except TimeoutError:
                 found = ()
+            except CancelledError:  # by a scheduler that went away
+                found = [future for future in waiting if future.cancelled()]
             for future in found:
                 try:
                     result, error = None, _error(future)
@@ -64,7 +67,7 @@ def _rounds(work, items, client, patience):
                 except TimeoutError:  # lost with its worker, which is made good by another
                     continue
                 yield waiting.pop(future), result, error
-            if client.ncores():
+            if _has_workers(client):
                 alone_since = None
                 continue
             alone_since = alone_since or time.monotonic()
@@ -74,6 +77,13 @@ def _rounds(work, items, client, patience):
             yield i, None, Lost(f"no worker was left, and none came within {patience:g} s.")
     finally:
         client.cancel(list(waiting))
+
+
+def _has_workers(client):
+    try:
+        return bool(client.ncores())
+    except OSError:  # not even a scheduler
+        return False
 
 
 def _error(future):
