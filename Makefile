@@ -137,7 +137,7 @@ mutants: env
 lock: env
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 \
-		--extra test --extra glb --generate-hashes --no-header --no-annotate \
+		--extra test --extra glb --extra scale --generate-hashes --no-header --no-annotate \
 		--no-emit-index-url --no-emit-find-links pyproject.toml -o requirements.lock
 	$(BIN)/python tests/environment.py
 

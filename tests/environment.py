@@ -6,7 +6,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-REQUIREMENTS = [*PROJECT["dependencies"], *EXTRAS["glb"], *EXTRAS["test"]]
+REQUIREMENTS = [*PROJECT["dependencies"], *(r for extra in EXTRAS.values() for r in extra)]
 PIP_ONLY = {"DracoPy", "ezc3d", "libigl", "nbval", "playwright", "pygltflib", "pythreejs"}  # PyPI
 
 

@@ -15,7 +15,7 @@ def _numbers(version):
 
 
 def test_every_extra_is_locked():
-    assert set(EXTRAS) == {"glb", "test"}
+    assert set(EXTRAS) == {"glb", "scale", "test"}
 
 
 def test_environment_yml_is_what_pyproject_makes():

@@ -21,6 +21,21 @@ files = [str(f.relative_to(h.parent)) for h in homes for f in h.rglob("*") if f.
 print(json.dumps([[str(h) for h in homes], files]))
 """
 
+DRAG = """
+import json
+import numpy as np
+import facelab
+from facelab.widgets import PosingLab
+session = PosingLab.example().session
+corner = session.neutral.landmarks["mouth_corner_left"]
+rest = session.vertices.copy()
+session.drag(corner, rest[corner] + [6, 4, 0])
+session.release()
+moved = np.linalg.norm(session.vertices - rest, axis=1)
+right = session.neutral.vertices[:, 0] < -20
+print(json.dumps([facelab.__file__, moved[corner], float(moved[right].mean())]))
+"""
+
 
 def in_tree():
     """Every file of the packages, as paths from the root."""
@@ -75,3 +90,12 @@ def test_the_command_of_the_wheel_copies_the_course_and_the_page(installed, tmp_
         run(command, name, tmp_path / part, "--only-copy", cwd=tmp_path)
         ours = {p.name: p.read_bytes() for p in (ROOT / part).glob("*.ipynb")}
         assert {p.name: p.read_bytes() for p in (tmp_path / part).iterdir()} == ours
+
+
+@pytest.mark.long
+def test_the_lab_of_the_wheel_follows_a_hand(installed, tmp_path):
+    said = run(installed, "-I", "-c", DRAG, cwd=tmp_path).splitlines()[-1]
+    home, corner, other_side = json.loads(said)
+    assert home.startswith(str(installed.parents[1]))
+    assert 4 < corner < 9  # pulled by 7.2 mm
+    assert other_side < 1

@@ -64,8 +64,8 @@ class Report:
 
     @property
     def exit_code(self):
-        """0 all done, 1 some failed, 130 stopped."""
-        return STOPPED if self.stopped else FAILED if self.failed else DONE
+        """0 all done, 1 some failed or were not reached, 130 stopped."""
+        return STOPPED if self.stopped else FAILED if self.failed or self.not_reached else DONE
 
     @property
     def words(self):
@@ -181,8 +181,8 @@ def _same(a, b):
 # --- running them ---------------------------------------------------------------------------------
 
 
-def run(jobs, make, report, options):
-    """Do the jobs one by one: the exit code.
+def run(jobs, make, report, options, doing=None):
+    """Do the jobs: the exit code.
 
     Parameters
     ----------
@@ -192,26 +192,25 @@ def run(jobs, make, report, options):
     report : Report
     options : argparse.Namespace
         `again`, `quiet` and `report`.
+    doing : callable, optional
+        Takes the jobs that are left to do and yields them, as they are done, with an `Outcome`, or
+        None where one was not reached; one after the other, here, if left out.
     """
     if options.report is not None:
         _for_writing(options.report)
-    folders = {job.target.parent for job in jobs}
-    for folder in folders:
+    for folder in {job.target.parent for job in jobs}:
         _make_folder(folder)
-    taken = {}
-    bar = tqdm(jobs, unit="file", disable=not watched(options))
-    left = list(jobs)
+    left = _left(jobs, report, options)
+    doing = doing or (lambda jobs: ((job, attempt(job, make)) for job in jobs))
+    done = len(jobs) - len(left)
+    bar = tqdm(total=len(jobs), initial=done, unit="file", disable=not watched(options))
     try:
-        for job in bar:
-            first = taken.setdefault(_key(job.target), job)
-            if first is not job:
-                why = f"{first.label} makes {job.target} already; give one of them another name."
-                _failed(report, job, why, [])
-            elif job.done and not options.again:
-                report.skipped.append({"input": job.label, "output": str(job.target)})
-            else:
-                _one(job, make, report, options)
+        for job, outcome in doing(list(left)):
+            if outcome is None:
+                continue
             left.remove(job)
+            _told(job, outcome, report, options)
+            bar.update()
     except KeyboardInterrupt:
         report.stopped = True
     finally:
@@ -221,6 +220,21 @@ def run(jobs, make, report, options):
     if options.report is not None:
         report.write(options.report)
     return report.exit_code
+
+
+def _left(jobs, report, options):
+    """The jobs that are to be done; those done before and those that clash are reported."""
+    taken, left = {}, []
+    for job in jobs:
+        first = taken.setdefault(_key(job.target), job)
+        if first is not job:
+            why = f"{first.label} makes {job.target} already; give one of them another name."
+            _failed(report, job, why, [])
+        elif job.done and not options.again:
+            report.skipped.append({"input": job.label, "output": str(job.target)})
+        else:
+            left.append(job)
+    return left
 
 
 def _key(target):
@@ -242,31 +256,53 @@ def _for_writing(path):
         raise UsageError(f"--report: {error}") from None
 
 
-def _one(job, make, report, options):
-    """One job done, or told why not."""
+@dataclass
+class Outcome:
+    """What became of one job: numbers, or why there are none; what was warned of; seconds."""
+
+    numbers: dict
+    why: str
+    warnings: list
+    seconds: float
+    trace: list = field(default_factory=list)
+
+
+def attempt(job, make):
+    """One job done, or why not: Outcome. It goes as it is from a worker to where it was asked."""
     start = time.perf_counter()
-    with told(job.label) as said:
+    numbers, why, trace = {}, None, []
+    with heard() as said:
         try:
-            numbers, why = make(job), None
+            numbers = _ready(make(job))
         except _EXPECTED as error:
             why = _reason(error)
         except Exception as error:  # a fault of facelab's: the rest goes on all the same
             why = f"a fault of facelab itself, please report it: {type(error).__name__}: {error}"
-            for line in traceback.format_exc().splitlines():
-                complain(line)
-    if why is not None:
-        _failed(report, job, why, said)
+            trace = traceback.format_exc().splitlines()
+    return Outcome(numbers, why, said, round(time.perf_counter() - start, 3), trace)
+
+
+def _told(job, outcome, report, options):
+    """The outcome of a job, in the terminal and in the report."""
+    for text in outcome.warnings:
+        complain(f"warning: {job.label}: {text}")
+    for line in outcome.trace:
+        complain(line)
+    if outcome.why is not None:
+        _failed(report, job, outcome.why, outcome.warnings)
         return
-    seconds = round(time.perf_counter() - start, 3)
-    entry = {"input": job.label, "output": str(job.target), "seconds": seconds, "warnings": said}
-    report.done.append(entry | numbers)
+    entry = {
+        "input": job.label, "output": str(job.target),
+        "seconds": outcome.seconds, "warnings": outcome.warnings,
+    }  # fmt: skip
+    report.done.append(entry | outcome.numbers)
     if not options.quiet:
-        say(f"{job.label} -> {job.target}: {_shown(numbers)}")
+        say(f"{job.label} -> {job.target}: {_shown(outcome.numbers)}")
 
 
 @contextlib.contextmanager
-def told(label):
-    """What is warned of inside becomes lines on stderr; the list that is given holds them then."""
+def heard():
+    """What is warned of inside: the list that is given holds it at the end, each text once."""
     said = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
@@ -274,8 +310,18 @@ def told(label):
             yield said
         finally:
             said += dict.fromkeys(plain(w.message) for w in caught)
-            for text in said:
-                complain(f"warning: {label}: {text}")
+
+
+@contextlib.contextmanager
+def told(label):
+    """What is warned of inside becomes lines on stderr."""
+    said = []
+    try:
+        with heard() as said:
+            yield
+    finally:
+        for text in said:
+            complain(f"warning: {label}: {text}")
 
 
 def _reason(error):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from facelab.cli import convert, course, pose, read_units, register, segment, train, translate
 from facelab.cli.batch import FAILED, STOPPED, WRONG, Report, UsageError, plan, run, told
+from facelab.cli.spread import on_workers
 from facelab.cli.terminal import complain, hushed
 
 COMMANDS = {
@@ -70,7 +71,15 @@ def _command(argv):
     )  # fmt: skip
     with told(options.command):
         make = command.maker(options)
-    return run(jobs, make, report, options)
+    spread = options.scheduler is not None or options.workers is not None
+    return run(jobs, make, report, options, on_workers(argv, options) if spread else None)
+
+
+def maker_of(argv):
+    """What does one job of a command line: a worker makes it anew from the same arguments."""
+    options = _parser().parse_args(argv)
+    options.quiet = True
+    return COMMANDS[options.command].maker(options)
 
 
 def _parser():
@@ -88,6 +97,9 @@ def _parser():
         own.add_argument("--again", action="store_true", help="make what is there anew")
         own.add_argument("--report", type=Path, metavar="JSON", help="what became of each file")
         own.add_argument("--quiet", action="store_true", help="only say what failed, and the sum")
+        many = own.add_argument_group("many processes or machines (pip install 'facelab[scale]')")
+        many.add_argument("--workers", type=int, metavar="N", help="processes on this machine")
+        many.add_argument("--scheduler", metavar="ADDRESS", help="of Dask, with its own workers")
         command.add_options(own)
     course.add_commands(lambda name, text, example: _add(commands, name, text, example))
     return parser

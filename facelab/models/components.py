@@ -120,6 +120,12 @@ def _leading(square, n):
     return values[::-1].clip(min=0), vectors[:, ::-1]
 
 
+def components_of_sum(square, n_frames, n):
+    """Leading n modes and their variances, from the sum of products of centred frames."""
+    variances, modes = _leading(square / (n_frames - 1), n)
+    return _signed(modes), variances
+
+
 def _signed(columns):
     """Columns made orthonormal anew, as rows whose entry of largest magnitude is positive."""
     if not columns.size:
@@ -138,19 +144,16 @@ class _Covariance:
         self.columns, self.n_components = columns, n_components
         self.sum = 0.0
 
-    def add(self, D, number):
-        if number == 1:
-            D = D[:, self.columns].astype(float)
-            self.sum += D.T @ D
+    def part(self, D, number):
+        D = D[:, self.columns].astype(float)
+        return D.T @ D
 
     def end_pass(self, off, n_frames, number):
-        if number == 1:
-            # sum (x - m)(x - m)^T = sum x x^T - n m m^T, x counted from a place near the mean
-            self.sum -= n_frames * np.outer(off[self.columns], off[self.columns])
+        # sum (x - m)(x - m)^T = sum x x^T - n m m^T, x counted from a place near the mean
+        self.sum -= n_frames * np.outer(off[self.columns], off[self.columns])
 
     def result(self, n_frames):
-        variances, components = _leading(self.sum / (n_frames - 1), self.n_components)
-        return _signed(components), variances
+        return components_of_sum(self.sum, n_frames, self.n_components)
 
 
 class _Sketch:
@@ -163,10 +166,10 @@ class _Sketch:
         self.basis = rng.normal(size=(len(columns), n))
         self.sum = 0.0
 
-    def add(self, D, number):
+    def part(self, D, number):
         D = D[:, self.columns]
         Y = D @ self.basis.astype(D.dtype)
-        self.sum += Y.T @ Y if number == self.passes else D.T @ Y
+        return Y.T @ Y if number == self.passes else D.T @ Y
 
     def end_pass(self, off, n_frames, number):
         if number == self.passes:
@@ -177,6 +180,16 @@ class _Sketch:
     def result(self, n_frames):
         variances, turn = _leading(self.sum / (n_frames - 1), self.n_components)
         return _signed(self.basis @ turn), variances
+
+
+def as_sets(columns, n_components, passes, rng):
+    """For each set of columns what sums it up, in one pass or in `passes`: list."""
+    sets = []
+    for c in columns:
+        n = min(n_components, len(c))
+        wide = len(c) > LARGEST_EXACT
+        sets.append(_Sketch(c, n, passes, rng) if wide else _Covariance(c, n))
+    return sets
 
 
 def components_of_blocks(
@@ -234,16 +247,14 @@ def components_of_blocks(
                 shift = X.mean(
                     axis=0, dtype=float
                 )  # near the mean: little is lost when that is taken off
-                for c in columns(n_features):
-                    n = min(n_components, len(c))
-                    wide = len(c) > LARGEST_EXACT
-                    sets.append(_Sketch(c, n, passes, rng) if wide else _Covariance(c, n))
+                sets = as_sets(columns(n_features), n_components, passes, rng)
                 n_passes = max(s.passes for s in sets)
             D = X - shift.astype(X.dtype)
             n_frames += len(D)
             total = total + D.sum(axis=0, dtype=float)
             for s in sets:
-                s.add(D, number)
+                if number <= s.passes:
+                    s.sum += s.part(D, number)
         seen.append(n_frames)
         if n_frames < 2 or len(set(seen)) > 1:
             raise ValueError(
@@ -253,7 +264,8 @@ def components_of_blocks(
             )
         off = total / n_frames
         for s in sets:
-            s.end_pass(off, n_frames, number)
+            if number <= s.passes:
+                s.end_pass(off, n_frames, number)
         shift = shift + off
     found = [s.result(n_frames) for s in sets]
     return n_frames, shift, [c for c, _ in found], [v for _, v in found]

@@ -18,7 +18,9 @@ from facelab.models.components import (
     components_of_sets,
     row_blocks,
 )
+from facelab.models.distributed import components_of_dask
 from facelab.motion import MotionSequence
+from facelab.numeric.engine import is_dask
 from facelab.segmentation.regions import Regions
 from facelab.storage import save_npz
 
@@ -115,9 +117,10 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
 
         Parameters
         ----------
-        X : ndarray of shape (n_frames, 3 * n_vertices)
+        X : ndarray or Dask array of shape (n_frames, 3 * n_vertices)
             Displacements from the neutral, millimetres. A memory-mapped array is read in blocks
-            (`fit_blocks`), never as a whole.
+            (`fit_blocks`), never as a whole; a Dask array is summed up where its blocks are, by
+            the scheduler that is set (`facelab.scale.cluster`).
         y : ignored
 
         Raises
@@ -138,6 +141,10 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         refuse_mask(X, "X", _FILL)
         if isinstance(X, np.memmap) and X.ndim == 2:
             return self.fit_blocks(lambda: row_blocks(X))
+        if is_dask(X):
+            learned = self._learned_of_blocks(X, 4, False, components_of_dask)
+            vars(self).pop("feature_names_in_", None)
+            return self.set_bases(*learned)
         frames = check_array(
             X,
             dtype=[np.float64, np.float32],
@@ -194,7 +201,7 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         vars(self).pop("feature_names_in_", None)  # blocks have none
         return self.set_bases(*learned)
 
-    def _learned_of_blocks(self, blocks, passes, progress):
+    def _learned_of_blocks(self, blocks, passes, progress, components=components_of_blocks):
         """What `set_bases` takes, from frames in blocks."""
         cuts = []
 
@@ -210,7 +217,7 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
                 )
             return cut
 
-        n_frames, mean, components, variances = components_of_blocks(
+        n_frames, mean, components, variances = components(
             blocks, columns, self._most, self.random_state, passes, progress=progress
         )
         members, cut = cuts[0]

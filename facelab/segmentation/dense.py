@@ -75,7 +75,7 @@ class Distances:
     Examples
     --------
     >>> import facelab
-    >>> G = Distances(facelab.load_template("small"))
+    >>> G = Distances(facelab.load_template(4375))
     >>> G[[3, 5]].shape == (2, G.shape[1])
     True
     """

@@ -3,6 +3,7 @@
 import numpy as np
 
 from facelab.checks import as_finite, check_number
+from facelab.numeric.engine import block_sums, is_dask
 
 
 def motion_correlation(positions, still=1e-6):
@@ -10,8 +11,8 @@ def motion_correlation(positions, still=1e-6):
 
     Parameters
     ----------
-    positions : ndarray of shape (n_frames, n_vertices, 3)
-        Millimetres.
+    positions : ndarray or Dask array of shape (n_frames, n_vertices, 3)
+        Millimetres. Blocks of a Dask array are summed up where they are.
     still : float, default=1e-6
         A coordinate whose standard deviation is at most this many millimetres does not move:
         its correlation with any other is 0/0 and counts as 0, with itself as 1.
@@ -25,6 +26,8 @@ def motion_correlation(positions, still=1e-6):
     ----------
     Tena et al. 2011, section 4.2: normalised correlation matrices C_x, C_y, C_z, averaged.
     """
+    if is_dask(positions):
+        return _correlation_of_blocks(positions, still)
     positions = as_positions(positions)
     n_frames, n_vertices, _ = positions.shape
     C_bar = np.zeros((n_vertices, n_vertices))
@@ -38,6 +41,36 @@ def motion_correlation(positions, still=1e-6):
         C_bar += D.T @ D
     np.fill_diagonal(C_bar, 1)
     return np.clip(C_bar, -1, 1, out=C_bar)
+
+
+def _correlation_of_blocks(positions, still):
+    if positions.ndim != 3 or positions.shape[2] != 3:
+        raise ValueError(
+            f"positions has shape {positions.shape}, but needs shape (n_frames, n_vertices, 3)."
+        )
+    shape = positions.shape[1:]
+    n_first, first, _ = block_sums(positions.blocks[0], _products, np.zeros(shape), False)
+    shift = first / max(n_first, 1)
+    n_frames, total, squares = block_sums(positions, _products, shift, True)
+    if n_frames < 2:
+        raise ValueError(f"positions has {n_frames} frame(s); correlation needs 2 or more.")
+    C_bar = np.zeros((shape[0],) * 2)
+    for axis in range(3):
+        off = total[:, axis] / n_frames
+        C = squares[axis] - n_frames * np.outer(off, off)
+        size = np.sqrt(np.diag(C).clip(min=0))
+        size = np.where(size > still * np.sqrt(n_frames), size, np.inf)
+        C_bar += C / size[:, None] / size / 3
+    np.fill_diagonal(C_bar, 1)
+    return np.clip(C_bar, -1, 1, out=C_bar)
+
+
+def _products(block, number, shift, with_squares):
+    """Number of frames, their sum, and the products of each axis, counted from `shift`."""
+    shape = ("n_frames", *shift.shape)
+    D = as_finite(block, "positions", shape, f"block {number}") - shift
+    X = np.moveaxis(D, 2, 0)
+    return [len(D), D.sum(axis=0), np.array([x.T @ x for x in X]) if with_squares else 0]
 
 
 def as_positions(positions):

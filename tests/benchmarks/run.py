@@ -15,6 +15,7 @@ NAMES = (
     "registration",
     "regression",
     "rig_drag",
+    "scale",
     "segmentation",
     "takes",
     "training",

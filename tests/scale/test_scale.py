@@ -1,0 +1,217 @@
+"""Two worker processes do what one machine does, and go on past what fails."""
+
+import json
+import os
+import signal
+import sys
+import time
+
+import numpy as np
+import pytest
+from planted import patch_motion, quarters
+from shapes import grid_mesh
+
+import facelab
+from facelab import files, scale
+from facelab.cli import main
+from facelab.motion import MotionSequence
+from facelab.segmentation import Regions, motion_correlation
+
+pytest.importorskip("distributed", reason="needs Dask: pip install 'facelab[scale]'")
+cloudpickle = pytest.importorskip("cloudpickle")
+da = pytest.importorskip("dask.array")
+
+EXACT = 1e-10  # relative: sums of some hundred products, taken in another order
+
+
+@pytest.fixture(scope="module")
+def client():
+    cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers do not see the tests
+    with scale.cluster(workers=2, memory=None) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def moving():
+    mesh, truth = quarters()
+    return patch_motion(mesh, truth, np.random.default_rng(0)), Regions(truth, mesh)
+
+
+def in_blocks(X):
+    return da.from_array(np.asarray(X), chunks=(50, *(40 for _ in X.shape[1:])))
+
+
+# --- learning -------------------------------------------------------------------------------------
+
+
+def test_narrow_regions_learned_on_workers_are_those_of_one_machine(client, moving):
+    motion, regions = moving
+    X = motion.displacements()
+    one = facelab.RegionModel(regions, 8).fit(X)
+    many = facelab.RegionModel(regions, 8).fit(in_blocks(X))
+    np.testing.assert_allclose(many.mean_, one.mean_, atol=EXACT * np.abs(X).max())
+    for a, b, B in zip(one.variances_, many.variances_, many.components_, strict=True):
+        np.testing.assert_allclose(a, b, rtol=EXACT)
+        np.testing.assert_allclose(B @ B.T, np.eye(len(B)), atol=1e-12)
+    np.testing.assert_allclose(many.reconstruct(X), one.reconstruct(X), atol=1e-6)
+
+
+def test_a_share_of_the_variance_keeps_the_same_modes_on_workers(client, moving):
+    motion, regions = moving
+    X = motion.displacements()
+    one = facelab.RegionModel(regions, 0.9).fit(X)
+    many = facelab.RegionModel(regions, 0.9).fit(in_blocks(X))
+    np.testing.assert_array_equal(many.n_components_, one.n_components_)
+
+
+def test_a_wide_face_is_learned_within_the_error_of_its_randomised_modes(client, rng, monkeypatch):
+    monkeypatch.setattr("facelab.models.components.LARGEST_EXACT", 100)
+    strength = np.linspace(3, 0.5, 40)
+    X = (rng.normal(size=(700, 40)) * strength) @ rng.normal(size=(40, 240)) / 10
+    X += 0.3 * rng.normal(size=X.shape)
+    one = facelab.HolisticModel(30).fit(X)
+    many = facelab.HolisticModel(30).fit(in_blocks(X))
+    np.testing.assert_allclose(many.variances_[0], one.variances_[0], rtol=1e-5)
+    same = facelab.HolisticModel(30).fit_blocks([X[:300], X[300:]], passes=4, progress=False)
+    np.testing.assert_allclose(many.reconstruct(X), same.reconstruct(X), atol=1e-6)
+    errors = [facelab.rms_error(X, m.reconstruct(X)) for m in (one, many)]
+    assert errors[0] <= errors[1] * (1 + 1e-12) and errors[1] < errors[0] * (1 + 1e-6)
+
+
+def test_the_correlation_of_frames_on_workers_is_that_of_all_frames(client, moving):
+    P = moving[0].positions.copy()
+    P[:, 5] = P[0, 5]  # a still vertex
+    np.testing.assert_allclose(motion_correlation(in_blocks(P)), motion_correlation(P), atol=EXACT)
+
+
+@pytest.mark.parametrize("learn", ["model", "correlation"])
+def test_a_block_with_a_gap_is_refused_by_its_number(client, moving, learn):
+    P = moving[0].positions.copy()
+    P[70, 3, 1] = np.nan
+    with pytest.raises(ValueError, match="block 1"):
+        if learn == "correlation":
+            motion_correlation(in_blocks(P))
+        else:
+            facelab.HolisticModel(5).fit(in_blocks(P.reshape(len(P), -1)))
+
+
+@pytest.mark.parametrize("shape", [(1, 12), (0, 12), (30,)])
+def test_frames_that_teach_nothing_are_refused(client, shape):
+    with pytest.raises(ValueError, match=r"frame|axes"):
+        facelab.HolisticModel(2).fit(da.zeros(shape))
+
+
+# --- takes ----------------------------------------------------------------------------------------
+
+
+def work(item):
+    what, flag = item
+    if what == "poison":
+        raise ValueError("this take is poisoned")
+    if what == "killer" or (what == "killed once" and not os.path.exists(flag)):
+        open(flag, "w").close()
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(0.05)
+    return what
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="workers are killed by a signal")
+def test_poisoned_and_killing_takes_do_not_stop_the_others(client, tmp_path):
+    names = ["a", "poison", "b", "killer", "c", "killed once", "d", "e"]
+    items = [(name, str(tmp_path / name.replace(" ", "_"))) for name in names]
+    found = {i: (result, error) for i, result, error in scale.each(work, items, client)}
+    assert sorted(found) == list(range(8))
+    for i, name in enumerate(names):
+        result, error = found[i]
+        if name == "poison":
+            assert isinstance(error, ValueError) and "poisoned" in str(error)
+        elif name == "killer":
+            assert isinstance(error, scale.Killed) and "memory" in str(error)
+        else:
+            assert (result, error) == (name, None)
+
+
+def test_without_any_worker_all_is_told_as_not_reached(monkeypatch):
+    from distributed import LocalCluster
+
+    with (
+        LocalCluster(n_workers=0, dashboard_address=None, processes=True) as empty,
+        scale.cluster(empty.scheduler_address) as client,
+    ):
+        found = list(scale.each(work, [("a", ""), ("b", "")], client, patience=1))
+    assert [i for i, _, _ in found] == [0, 1]
+    assert all(isinstance(error, scale.Lost) for _, _, error in found)
+
+
+def test_frames_of_many_takes_leave_out_what_cannot_be_read(client, moving, tmp_path):
+    motion, regions = moving
+    lost = np.ones(len(motion.positions), dtype=bool)
+    lost[::7] = False
+    for i, valid in enumerate((lost, ~lost, lost)):
+        take = MotionSequence(motion.positions * (1 + i / 99), 30.0, motion.mesh, valid)
+        files.write_motion(tmp_path / f"{i}.npz", take)
+    other = grid_mesh(5, 5, 8.0)
+    files.write_motion(tmp_path / "3.npz", MotionSequence(other.vertices[None], 30.0, other))
+    (tmp_path / "1.npz").write_bytes((tmp_path / "1.npz").read_bytes()[:900])  # poisoned
+    paths = [tmp_path / f"{i}.npz" for i in range(4)]
+    frames = scale.frames_of(paths, client)
+    assert sorted(frames.failed) == [str(paths[1]), str(paths[3])]
+    assert "another neutral" in frames.failed[str(paths[3])]
+    X = np.concatenate([files.read_motion(paths[i]).displacements() for i in (0, 2)])
+    np.testing.assert_array_equal(frames.X.compute(), X)
+    np.testing.assert_allclose(
+        frames.positions[3].compute().ravel() - X[3], motion.mesh.vertices.ravel()
+    )
+    one, many = (facelab.RegionModel(regions, 6).fit(frame) for frame in (X, frames.X))
+    np.testing.assert_allclose(many.reconstruct(X), one.reconstruct(X), atol=1e-6)
+    samples, control = motion.mesh.subsample(40)
+    few = scale.frames_of(paths, client, samples, control)
+    wanted = X.reshape(len(X), -1, 3)[:, samples].reshape(len(X), -1)
+    np.testing.assert_array_equal(few.X.compute(), wanted)
+    with pytest.raises(ValueError, match="not one take"):
+        scale.frames_of(paths[1:2], client)
+
+
+# --- commands -------------------------------------------------------------------------------------
+
+
+def test_a_command_on_workers_makes_what_it_makes_alone(tmp_path, client, capsys):
+    (tmp_path / "in").mkdir()
+    for name, columns in (("a", 12), ("c", 14)):
+        files.write_obj(tmp_path / "in" / f"{name}.obj", grid_mesh(columns, 10, 15.0))
+    (tmp_path / "in" / "b.obj").write_text("v 0 0 0\nv 1 0\n")
+    made = []
+    for more in ([], ["--scheduler", client.scheduler.address]):
+        out, report = tmp_path / f"out{len(made)}", tmp_path / "report.json"
+        arguments = ["convert", str(tmp_path / "in"), "-o", str(out), "--to", "ply"]
+        assert main([*arguments, "--report", str(report), *more]) == 1
+        told = json.loads(report.read_text())
+        assert [f["input"] for f in told["failed"]] == [str(tmp_path / "in" / "b.obj")]
+        assert "line 2" in told["failed"][0]["reason"]
+        made.append(
+            (
+                sorted((d["input"], d["vertices"], *d["warnings"]) for d in told["done"]),
+                {p.name: p.read_bytes() for p in out.iterdir()},
+            )
+        )
+    assert made[0] == made[1] and len(made[0][1]) == 2
+    assert capsys.readouterr().err.count("b.obj") == 2
+
+
+def test_a_scheduler_that_does_not_answer_is_told_by_its_address(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("facelab.scale.machines.WAIT", 0.5)
+    files.write_obj(tmp_path / "a.obj", grid_mesh(12, 10, 15.0))
+    arguments = ["convert", str(tmp_path / "a.obj"), "-o", str(tmp_path / "a.ply")]
+    assert main([*arguments, "--scheduler", "tcp://127.0.0.1:9"]) == 1
+    assert "no Dask scheduler answers at 'tcp://127.0.0.1:9'" in capsys.readouterr().err
+    assert main([*arguments, "--scheduler", "tcp://127.0.0.1:9", "--workers", "2"]) == 2
+    assert main([*arguments, "--workers", "0"]) == 2
+
+
+def test_without_dask_it_is_said_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    files.write_obj(tmp_path / "a.obj", grid_mesh(12, 10, 15.0))
+    arguments = ["convert", str(tmp_path / "a.obj"), "-o", str(tmp_path / "a.ply")]
+    assert main([*arguments, "--workers", "2"]) == 1
+    assert "pip install 'facelab[scale]'" in capsys.readouterr().err
+    assert main(arguments) == 0
