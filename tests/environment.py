@@ -7,7 +7,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 REQUIREMENTS = [*PROJECT["dependencies"], *EXTRAS["glb"], *EXTRAS["test"]]
-PIP_ONLY = {"DracoPy", "ezc3d", "libigl", "nbval", "playwright", "pygltflib", "pythreejs"}  # PyPI
+PIP_ONLY = {"DracoPy", "ezc3d", "libigl", "playwright", "pygltflib", "pythreejs"}  # PyPI
 
 
 def environment_yml():
