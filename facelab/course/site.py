@@ -125,10 +125,10 @@ def broken_links(folder):
         for link in page.links:
             if re.match(r"[a-z]+:|//", link):
                 continue
-            target, place = urldefrag(unquote(link))
-            if target and not (Path(folder) / target).exists():
-                broken.append(f"{name}: {link}")
-            elif place and place not in pages.get(target or name, page).places:
+            target, place = urldefrag(link)
+            places = pages.get(target or name, page).places
+            gone = target and not (Path(folder) / unquote(target)).exists()
+            if gone or (place and not {place, unquote(place)} & places):  # nbconvert quotes in ids
                 broken.append(f"{name}: {link}")
     return broken
 
