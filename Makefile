@@ -23,7 +23,7 @@ endif
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 
 .PHONY: help lab app env data test lint unit test-notebooks browser test-browser test-all \
-	test-long test-bare soak notebooks results bench mutants lock clean
+	test-long test-bare soak notebooks site results bench mutants lock clean
 
 help:
 	@echo "make lab        set up all, open the lab in JupyterLab"
@@ -34,6 +34,7 @@ help:
 	@echo "make data       only the data (real faces are downloaded once, synthetic ones made)"
 	@echo "make notebooks  run every notebook in place and store its outputs"
 	@echo "make mutants    a sample of the mathematics broken on purpose: which tests notice"
+	@echo "make site       the course as static pages, in site/"
 	@echo "make results    every error of notebook 04 and the table of all models, in results/"
 	@echo "make bench      run the benchmarks"
 	@echo "make lock       resolve requirements.lock and environment.yml anew from pyproject.toml"
@@ -59,7 +60,7 @@ data: env
 	$(BIN)/python -m facelab.data
 
 lab: env data
-	$(BIN)/jupyter lab --config=app/jupyter_server_config.py notebooks/01_capture.ipynb
+	$(BIN)/jupyter lab --config=app/jupyter_server_config.py notebooks/00_start.ipynb
 
 app: env data
 	$(BIN)/jupyter server --config=app/jupyter_server_config.py --ServerApp.root_dir=app \
@@ -118,10 +119,13 @@ soak: env
 	FACELAB_MUTANTS=2000 $(BIN)/python -m pytest tests -k "mutant or broken" -s -q
 
 notebooks: env data
-	$(BIN)/python -m facelab.course $(NOTEBOOKS)
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace \
 		--ExecutePreprocessor.store_widget_state=False \
 		--ExecutePreprocessor.record_timing=False $(NOTEBOOKS)
+	$(BIN)/python -m facelab.course $(NOTEBOOKS)
+
+site: env  # the course as static pages, as its notebooks are stored
+	$(BIN)/python -m facelab.course.site site
 
 results: env data
 	$(BIN)/python -m facelab.studies.generalisation --out results

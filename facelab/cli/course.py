@@ -14,7 +14,7 @@ from facelab.cli.batch import DONE, FAILED, STOPPED
 from facelab.cli.terminal import complain, say
 from facelab.storage import atomic_path
 
-FIRST = "01_capture.ipynb"
+FIRST = "00_start.ipynb"
 PAGE = "posing.ipynb"
 FOLDER = "facelab-lab"
 

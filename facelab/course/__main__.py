@@ -1,41 +1,98 @@
-"""`python -m facelab.course NOTEBOOK...`: hints and solutions of the lessons, written into them."""
+"""`python -m facelab.course NOTEBOOK...`: writes into notebooks what is known elsewhere.
+
+Hints and solutions come from the lessons, pictures from the notebooks' own stored outputs: the cell
+with the tag `picture`, or else the first picture.
+"""
 
 import json
 import re
 import sys
+from base64 import b64decode, b64encode
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
+
+from PIL import Image
 
 from facelab.course.exercises import fold
 from facelab.course.lesson import LESSONS
+from facelab.storage import atomic_path
+
+_WIDTH = 640  # pixels of a picture in a text
+_MAP_WIDTH = 240  # and in the map of the first page
+_ASKED = re.compile(r"attachment:(\w+)\.png")
 
 
 def folded(source, exercises):
     """A cell's markdown with the hint and the solution of its exercise as its lesson has them."""
-    found = re.search(r"\*\*Exercise (\d+)", source)
+    found = re.search(r"^\*\*Exercise (\d+)", source)
     exercise = exercises.get(int(found.group(1))) if found else None
     if exercise is None:
         return source
     return source.split("<details>")[0].rstrip() + "\n\n" + fold(exercise)
 
 
-def write_folds(path):
-    """Write the folds of a notebook in place; cells that hold `**Exercise N` are theirs."""
+def picture_of(notebook):
+    """The stored picture that stands for a notebook: PNG as bytes, or None if it has none."""
+    tagged = [c for c in notebook["cells"] if "picture" in c["metadata"].get("tags", ())]
+    for cell in [*tagged, *notebook["cells"]]:
+        for output in cell.get("outputs", ()):
+            if "image/png" in output.get("data", {}):
+                return b64decode("".join(output["data"]["image/png"]))
+    return None
+
+
+def shrunk(png, width):
+    """A picture no wider than so many pixels, of few colours: PNG as base64 text."""
+    with Image.open(BytesIO(png)) as whole:
+        image = whole.convert("RGB")
+    if image.width > width:
+        image = image.resize((width, round(image.height * width / image.width)), Image.LANCZOS)
+    file = BytesIO()
+    image.quantize(128).save(file, "PNG", optimize=True)
+    return b64encode(file.getvalue()).decode()
+
+
+def _picture(name, path, notebook):
+    """The picture that a text asks for: its own, a file of docs, or that of another notebook."""
+    if name == "picture":
+        return picture_of(notebook), _WIDTH
+    file = path.parent.parent / "docs" / f"{name}.png"
+    if file.exists():
+        return file.read_bytes(), _WIDTH
+    others = sorted(path.parent.glob(f"{name}_*.ipynb"))
+    if not others:
+        return None, _WIDTH
+    return picture_of(json.loads(others[0].read_text(encoding="utf-8"))), _MAP_WIDTH
+
+
+def complete(path):
+    """Write the folds and the pictures of a notebook in place.
+
+    Folds go to the cells whose text begins with `**Exercise N`. `attachment:picture.png` is the
+    notebook's own picture, `attachment:05.png` that of notebook 05, `attachment:posing.png` the one
+    in docs.
+    """
     path = Path(path)
     lesson = path.stem.split("_", 1)[-1]
-    if lesson not in LESSONS:
-        return
-    plan = import_module(f"facelab.course.lessons.{lesson}")
-    exercises = {e.number: e for e in plan.EXERCISES}
+    plan = import_module(f"facelab.course.lessons.{lesson}") if lesson in LESSONS else None
+    exercises = {e.number: e for e in plan.EXERCISES} if plan else {}
     notebook = json.loads(path.read_text(encoding="utf-8"))
     for cell in notebook["cells"]:
-        if cell["cell_type"] == "markdown":
-            source = folded("".join(cell["source"]), exercises)
-            cell["source"] = source.splitlines(keepends=True)
-    text = json.dumps(notebook, indent=1, ensure_ascii=False) + "\n"
-    path.write_text(text, encoding="utf-8")
+        if cell["cell_type"] != "markdown":
+            continue
+        source = folded("".join(cell["source"]), exercises)
+        cell["source"] = source.splitlines(keepends=True)
+        for name in _ASKED.findall(source):
+            png, width = _picture(name, path, notebook)
+            if png is not None:
+                held = cell.setdefault("attachments", {})
+                held[f"{name}.png"] = {"image/png": shrunk(png, width)}
+    with atomic_path(path) as part:
+        text = json.dumps(notebook, indent=1, ensure_ascii=False)
+        part.write_text(text + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    for path in sys.argv[1:]:
-        write_folds(path)
+    for path in sorted(sys.argv[1:], reverse=True):  # the first page last: it shows all others
+        complete(path)

@@ -31,11 +31,6 @@ def load_head(name):
     Parameters
     ----------
     name : {"Aura", "example", "F1"}
-
-    Examples
-    --------
-    >>> load_head("F1").rig
-    BlendshapeRig(40 shapes on 8820 vertices)
     """
     if name == "F1":
         from data_synth.action_units import actor_rig

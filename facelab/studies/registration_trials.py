@@ -109,7 +109,7 @@ def hidden_cost(actor, take, shares, n_frames=240, every=8):
     return [float(rms(actor.errors(run, take, frames)[:, actor.covered])) for run in runs]
 
 
-def thinned_cost(actor, take, counts, n_frames=240, every=8):
+def thinned_cost(actor, take, counts, n_frames=120, every=8):
     """Error of the covered skin with fewer markers: rows of (count, warp, prior), mm RMS.
 
     The prior knows of no other face: only that both sides of a face mostly do the same.

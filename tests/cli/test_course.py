@@ -50,7 +50,7 @@ def test_the_notebooks_are_copied_and_the_first_is_opened(started, tmp_path):
     assert sorted(p.name for p in folder.iterdir()) == NOTEBOOKS
     data, lab = started
     assert data == [sys.executable, "-m", "facelab.data"]
-    assert lab[:4] == [sys.executable, "-m", "jupyterlab", str(folder / "01_capture.ipynb")]
+    assert lab[:4] == [sys.executable, "-m", "jupyterlab", str(folder / "00_start.ipynb")]
     assert {"--no-browser", "--ServerApp.port=9123"} < set(lab)
 
 

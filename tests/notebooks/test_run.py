@@ -1,5 +1,6 @@
 """Every notebook runs from top to bottom, its exercises answer, and other settings do not stop it."""
 
+import re
 from importlib import import_module
 
 import pytest
@@ -16,7 +17,7 @@ def plan(name):
 
 
 OTHERS = [
-    pytest.param(name, other, id=f"{name}-" + ",".join(f"{k}={v}" for k, v in other.items()))
+    pytest.param(name, other, id=re.sub(r"\W+", "_", f"{name} {other}"))
     for name in NOTEBOOKS
     if plan(name)
     for other in plan(name).OTHERS

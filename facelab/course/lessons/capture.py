@@ -71,7 +71,7 @@ EXERCISES = (
         gaps_closed,
         "where the path of the neighbours departs from its straight line, so does the marker",
         "Bridge the *neighbours'* mean path over the same gap. Where it departs from its own "
-        "straight line, shift the marker by as much. `nearest[m]` lists six neighbours of marker m.",
+        "straight line, shift the marker by as much. `nearest[m]` lists six of marker m.",
         "answer = lines.copy()\n"
         "for m in range(still.n_markers):\n"
         "    around = lines[:, nearest[m]].mean(axis=1)[:, None]\n"
@@ -83,7 +83,7 @@ EXERCISES = (
         3,
         swap_found,
         "a swap is a step that skin cannot make",
-        "`np.nanmax(steps)` is the largest step; how large is the largest one that is no end of the "
+        "`np.nanmax(steps)` is the largest step; how large is the largest that is no end of the "
         "swap? `np.sort(np.nanmax(steps, axis=1))[-4:]` shows the last four.",
         "answer = 5",
         ("answer = 0.3", "answer = 50", 'answer = "large"'),
