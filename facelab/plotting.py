@@ -11,7 +11,7 @@ from facelab.checks import as_finite
 from facelab.geometry.mesh import vertex_normals
 from facelab.looks.light import shaded
 from facelab.looks.lining import Lining
-from facelab.looks.props import face_props, followed
+from facelab.looks.props import face_props, followed, lids_off
 from facelab.looks.raster import rasterise
 from facelab.segmentation.clusters import renumbered
 
@@ -74,7 +74,7 @@ def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=None, sh
         Or azimuth towards the person's left and elevation, degrees.
     props : iterable of `Prop` or (TriangleMesh, colors), optional
         Eyes and teeth, which follow the face; or still parts. If left out, those that
-        `facelab.looks.face_props` makes for it; () for none.
+        `facelab.looks.face_props` makes for it; () for none. Lids are held off such eyes.
     shade : bool, default=True
 
     Returns
@@ -93,11 +93,12 @@ def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=None, sh
     )
     right = np.array([np.cos(azimuth), 0, -np.sin(azimuth)])
     axes = np.stack([right, np.cross(ahead, right), ahead])
+    props = face_props(mesh) if props is None else list(props)
+    V = lids_off(props, V)
     parts = [(V, mesh.faces, SKIN if colors is None else colors, 0.0)]
     lining = Lining(mesh)
     if len(lining.faces):
         parts.append((lining.vertices(V), lining.faces, lining.colors, 0.0))
-    props = face_props(mesh) if props is None else props
     parts += [(followed(prop, V), *_drawn(prop)) for prop in props]
     _show(ax, parts, axes, shade)
     return lambda points: np.atleast_2d(points) @ axes[:2].T
