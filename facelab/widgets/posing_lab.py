@@ -430,7 +430,9 @@ class PosingLab(Lab):
         target = self._from + offset
         self.session.drag(self._held, target)
         for view, posed, answer in self._hands:
-            if answer is not None:  # the page draws it
+            if answer is not None:  # the page draws the skin
+                if posed is self.session:
+                    view.follow(self.vertices)
                 continue
             if posed is not self.session:
                 posed.drag(self._held, target)

@@ -347,6 +347,10 @@ class FaceView:
         self._normal.array = self._with_lining(self.normals, self._lining.normals)
         self._props.follow(self._V)
 
+    def follow(self, vertices):
+        """Move eyes and teeth with a pose that the page draws, shape (n_vertices, 3)."""
+        self._props.follow(vertices)
+
     def show_pins(self, pins, colors=None, takes=True):
         """Draw pins: a dark dot on each vertex, a coloured one on its target, a line between.
 
