@@ -11,7 +11,8 @@ from facelab.checks import as_finite
 from facelab.geometry.mesh import vertex_normals
 from facelab.looks.light import shaded
 from facelab.looks.lining import Lining
-from facelab.looks.props import face_props, followed
+from facelab.looks.palette import PALETTE, map_colors
+from facelab.looks.props import face_props, followed, lids_off
 from facelab.looks.raster import rasterise
 from facelab.segmentation.clusters import renumbered
 
@@ -20,18 +21,16 @@ CURVES = (  # colour and dash; colours after Okabe and Ito, apart for colour-bli
     *(("#0072b2", "-"), ("#d55e00", "--"), ("#009e73", ":")),
     *(("#cc79a7", "-."), ("#1a1a1a", "-"), ("#777777", "--")),
 )
-_REGION_COLORS = (  # after Paul Tol's schemes for colour-blind readers, light enough to shade
-    *("#88ccee", "#cc6677", "#ddcc77", "#44aa99", "#aa4499", "#999933"),
-    *("#6699cc", "#ee8866", "#bbcc33", "#882255", "#77aadd", "#eedd88"),
-    *("#117733", "#ffaabb", "#332288", "#dddddd"),
-)
 _FINER = 2  # samples along a pixel
 _MOST_PIXELS = 2400
 _VIEWS = {"front": (0.0, 0.0), "left": (40.0, 0.0), "right": (-40.0, 0.0), "profile": (88.0, 0.0)}
 
 
 def region_colors(regions, like=None):
-    """A light colour for each region, neighbours unlike: shape (n_regions, 3), 0 to 1.
+    """A colour for each region, told apart also by the colour-blind: shape (n_regions, 3), 0 to 1.
+
+    In CIEDE2000 regions that touch differ by 15 or more where that can be had, any two by 10 or
+    more, for normal vision and the three dichromacies; for up to 20 regions.
 
     Parameters
     ----------
@@ -39,24 +38,19 @@ def region_colors(regions, like=None):
     like : (Regions, ndarray of shape (n_regions, 3)), optional
         Another cut of the same mesh and its colours: what overlaps most looks the same.
     """
-    palette = 0.65 * np.array([to_rgb(c) for c in _REGION_COLORS]) + 0.35
+    palette = np.array([to_rgb(c) for c in PALETTE])
     a, b = regions.labels[regions.mesh.edges].T
     touch = np.zeros((regions.n_regions,) * 2, dtype=bool)
     touch[a, b] = touch[b, a] = True
-    chosen = np.full(regions.n_regions, -1)
+    np.fill_diagonal(touch, False)
+    kept = np.full(regions.n_regions, -1)
     if like is not None:
         before, colors = like
         same = renumbered(regions.labels, before.labels)
-        kept = same < before.n_regions
+        known = same < before.n_regions
         gap = np.linalg.norm(np.asarray(colors)[:, None] - palette, axis=2)
-        chosen[regions.labels[kept]] = gap.argmin(axis=1)[same[kept]]
-    for i in np.flatnonzero(chosen < 0):  # each takes the colour farthest from its neighbours'
-        near = palette[chosen[touch[i] & (chosen >= 0)]]
-        used = np.bincount(chosen[chosen >= 0], minlength=len(palette))
-        apart = [min([np.linalg.norm(c - n) / 0.65 for n in near], default=1) for c in palette]
-        score = np.array(apart) - 0.6 * used - 0.01 * np.arange(len(palette))
-        chosen[i] = score.argmax()
-    return palette[chosen]
+        kept[regions.labels[known]] = gap.argmin(axis=1)[same[known]]
+    return palette[map_colors(touch, kept)]
 
 
 def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=None, shade=True):
@@ -74,7 +68,7 @@ def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=None, sh
         Or azimuth towards the person's left and elevation, degrees.
     props : iterable of `Prop` or (TriangleMesh, colors), optional
         Eyes and teeth, which follow the face; or still parts. If left out, those that
-        `facelab.looks.face_props` makes for it; () for none.
+        `facelab.looks.face_props` makes for it; () for none. Lids are held off such eyes.
     shade : bool, default=True
 
     Returns
@@ -93,11 +87,12 @@ def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=None, sh
     )
     right = np.array([np.cos(azimuth), 0, -np.sin(azimuth)])
     axes = np.stack([right, np.cross(ahead, right), ahead])
+    props = face_props(mesh) if props is None else list(props)
+    V = lids_off(props, V)
     parts = [(V, mesh.faces, SKIN if colors is None else colors, 0.0)]
     lining = Lining(mesh)
     if len(lining.faces):
         parts.append((lining.vertices(V), lining.faces, lining.colors, 0.0))
-    props = face_props(mesh) if props is None else props
     parts += [(followed(prop, V), *_drawn(prop)) for prop in props]
     _show(ax, parts, axes, shade)
     return lambda points: np.atleast_2d(points) @ axes[:2].T

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 SIDES = ("left", "right")
 _BINS = 40  # directions in which the rim of an opening without a border is looked for
@@ -85,9 +86,11 @@ def _seen_rim(mesh, middle, width):
         order = np.lexsort((np.linalg.norm(at, axis=1), sector))
         first = order[np.unique(sector[order], return_index=True)[1]]
         rim = near[first]
-        at = V[near, :2] - (V[rim, :2].min(axis=0) + V[rim, :2].max(axis=0)) / 2
-    away = np.linalg.norm(
-        V[rim, :2] - (V[rim, :2].min(axis=0) + V[rim, :2].max(axis=0)) / 2, axis=1
-    )
+        middle = (V[rim, :2].min(axis=0) + V[rim, :2].max(axis=0)) / 2
+        at = V[near, :2] - middle
+    away = np.linalg.norm(V[rim, :2] - middle, axis=1)
     # skin that goes on across, as on a scan, leaves nothing open
-    return rim if len(rim) > 0.6 * _BINS and away.min() > 0.1 * width else None
+    if len(rim) < 0.6 * _BINS or away.min() < 0.1 * width:
+        return None
+    # a gap between two vertices of the lid shows what lies beside it
+    return rim[away < 1.15 * median_filter(away, 7, mode="wrap")]

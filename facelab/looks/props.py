@@ -14,6 +14,7 @@ from facelab.geometry.mesh import TriangleMesh
 from facelab.looks.eyes import IRIS, ball_mesh, fitted_ball, turned
 from facelab.looks.gaze import Gaze
 from facelab.looks.jaw import Jaw
+from facelab.looks.lids import Lids
 from facelab.looks.openings import SIDES, eye_opening, mouth_opening
 from facelab.looks.teeth import row_of_teeth, tongue
 
@@ -42,6 +43,8 @@ class Prop:
         Takes the vertices of the face, shape (n, 3), to those of the part; it is still without.
     gloss : float
         0 for skin, 1 for what is wet.
+    lids : Lids, optional
+        Of an eye: they keep the skin off it.
     """
 
     name: str
@@ -49,6 +52,7 @@ class Prop:
     colors: np.ndarray
     move: Callable | None = field(default=None, repr=False)
     gloss: float = 0.0
+    lids: Lids | None = field(default=None, repr=False)
 
     def __iter__(self):
         return iter((self.mesh, self.colors))
@@ -65,6 +69,30 @@ def followed(prop, vertices):
     mesh, _ = prop
     move = getattr(prop, "move", None)
     return mesh.vertices if move is None else move(vertices)
+
+
+def lids_off(props, vertices):
+    """A posed face with its lids off its eyes, shape (n_vertices, 3), millimetres.
+
+    A last step for what is shown or written; leave it out where positions are measured.
+
+    Parameters
+    ----------
+    props : iterable of Prop or (TriangleMesh, colors)
+        As made by `face_props` for the face; those without lids change nothing.
+    vertices : ndarray of shape (n_vertices, 3)
+
+    Examples
+    --------
+    >>> import facelab
+    >>> face = facelab.load_template()
+    >>> lids_off(face_props(face), face.vertices) is face.vertices  # at rest they are
+    True
+    """
+    for prop in props:
+        lids = getattr(prop, "lids", None)
+        vertices = vertices if lids is None else lids.off(vertices)
+    return vertices
 
 
 def face_props(face, rig=None, iris=IRIS):
@@ -114,6 +142,7 @@ def _eyes(face, rig, iris):
                 colors,
                 None if rig is None else _looking(ball.vertices, centre, rig, side),
                 1.0,
+                Lids(face.vertices, centre, radius),
             )
         )
     return props

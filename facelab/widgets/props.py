@@ -4,7 +4,7 @@ import numpy as np
 import pythreejs as three
 
 from facelab.geometry.mesh import vertex_normals
-from facelab.looks import followed
+from facelab.looks import followed, lids_off
 
 
 class PropMeshes:
@@ -21,8 +21,8 @@ class PropMeshes:
     """
 
     def __init__(self, props):
-        self.meshes, self._moving = [], []
-        for prop in props:
+        self.meshes, self._moving, self._all = [], [], list(props)
+        for prop in self._all:
             mesh, colors = prop
             position, normal = (
                 three.BufferAttribute(_f32(x)) for x in (mesh.vertices, mesh.normals)
@@ -30,6 +30,10 @@ class PropMeshes:
             self.meshes.append(_mesh(prop, mesh, colors, position, normal))
             if getattr(prop, "move", None) is not None:
                 self._moving.append((prop, mesh.faces, position, normal))
+
+    def lids_off(self, vertices):
+        """A posed face with its lids off the eyes, shape (n, 3), millimetres."""
+        return lids_off(self._all, vertices)
 
     def follow(self, vertices):
         """Move them with a face at `vertices`, shape (n, 3), millimetres."""

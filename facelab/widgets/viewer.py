@@ -54,6 +54,8 @@ class FaceView:
         Called with (vertex or None), (vertex), (offset of shape (3,), millimetres), (). Moves are
         told about eight times a second, and the last one always; a hand that only clicks moves
         nothing. Set them before the view is shown.
+    lids_off : bool
+        Whether lids that would cut an eye are shown outside of it.
 
     Raises
     ------
@@ -72,6 +74,7 @@ class FaceView:
     def __init__(self, mesh, props=(), width=620, height=640, linked_to=None):
         self.mesh = mesh
         self.on_move = self.on_release = None
+        self.lids_off = True
         self._V, self._N = mesh.vertices, None
         self._middle = (self._V.min(axis=0) + self._V.max(axis=0)) / 2
         self._lining = Lining(mesh)
@@ -342,7 +345,8 @@ class FaceView:
 
     def show(self, vertices):
         """Show the face at these positions, shape (n_vertices, 3), millimetres."""
-        self._V, self._N = np.asarray(vertices), None
+        vertices = np.asarray(vertices)
+        self._V, self._N = self._props.lids_off(vertices) if self.lids_off else vertices, None
         self._position.array = self._lined(self._V)
         self._normal.array = self._with_lining(self.normals, self._lining.normals)
         self._props.follow(self._V)

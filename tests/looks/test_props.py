@@ -10,11 +10,12 @@ from data_synth.template import build_template
 from facelab.data import load_template, synthetic_props
 from facelab.files import write_glb
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
-from facelab.looks import face_props, followed
+from facelab.looks import face_props, followed, lids_off
 from facelab.looks.eyes import turned
 from facelab.looks.gaze import FULL, Gaze
 from facelab.looks.jaw import Jaw
 from facelab.rig import BlendshapeRig
+from facelab.widgets import FaceView
 from facelab.widgets.props import PropMeshes
 
 
@@ -140,3 +141,31 @@ def test_parts_are_written_as_meshes_of_their_own_with_the_same_targets(tmp_path
         assert file.accessors[mesh.primitives[0].attributes.COLOR_0].count == prop.mesh.n_vertices
     assert MULTI_PIE  # the face of the file is the face alone
     assert file.accessors[file.meshes[0].primitives[0].attributes.POSITION].count == 8820
+
+
+def test_lids_that_would_cut_an_eye_are_held_off_it_and_nothing_else_moves():
+    rig = actor_rig("M1").linear()
+    props = face_props(rig.neutral)
+    assert lids_off(props, rig.neutral.vertices) is rig.neutral.vertices
+    eye = by_name(props)["eye_left"].mesh.vertices
+    centre = eye[eye[:, 2].argmax()] - [0, 0, np.linalg.norm(eye - eye[0], axis=1).max() / 2]
+    near = np.linalg.norm(rig.neutral.vertices - centre, axis=1) < 20
+    pressed = rig.neutral.vertices - np.where(near[:, None], [0, 0, 2.0], 0)
+    shown = lids_off(props, pressed)
+    moved = np.linalg.norm(shown - pressed, axis=1) > 0
+    assert 20 < moved.sum() < near.sum() and not moved[~near].any()
+    front = near & (pressed[:, 2] > centre[2] + 5)
+    radius = np.linalg.norm(eye[0] - centre)
+    away = [np.linalg.norm(V[front] - centre, axis=1).min() for V in (pressed, shown)]
+    assert away[0] < radius < away[1]
+
+
+def test_the_page_shows_lids_off_the_eyes_unless_told_not_to():
+    rig = actor_rig("M1").linear()
+    view = FaceView(rig.neutral, face_props(rig.neutral))
+    pressed = rig.neutral.vertices - [0, 0, 2.0]
+    view.show(pressed)
+    assert np.abs(view.vertices - pressed).max() > 0.5  # mm
+    view.lids_off = False
+    view.show(pressed)
+    assert (view.vertices == pressed).all()
