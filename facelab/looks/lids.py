@@ -21,6 +21,11 @@ class Lids:
     centre : ndarray of shape (3,)
     radius : float
 
+    Attributes
+    ----------
+    near : ndarray of int
+        Vertices of the skin around the eye.
+
     Examples
     --------
     >>> rest = np.array([[0.0, 0.0, 13.0], [0.0, 60.0, 0.0]])
@@ -32,19 +37,19 @@ class Lids:
     def __init__(self, rest, centre, radius):
         spoke = rest - centre
         away = np.linalg.norm(spoke, axis=1)
-        self._near = np.flatnonzero((away < radius + _REACH) & (spoke[:, 2] > _FRONT * radius))
-        away = away[self._near]
+        self.near = np.flatnonzero((away < radius + _REACH) & (spoke[:, 2] > _FRONT * radius))
+        away = away[self.near]
         wanted = radius + _FILM + 0.5 * (away - radius).clip(0, _LAYERS)
         self._centre, self._least = centre, np.minimum(wanted, away)
 
     def off(self, vertices):
         """A posed face with these lids off the eye: shape (n_vertices, 3), millimetres."""
-        spoke = vertices[self._near] - self._centre
+        spoke = vertices[self.near] - self._centre
         away = np.linalg.norm(spoke, axis=1)
         inside = away < self._least
         if not inside.any():
             return vertices
         V = np.array(vertices, dtype=float)
         out = self._least[inside] / np.maximum(away[inside], 1e-9)
-        V[self._near[inside]] = self._centre + spoke[inside] * out[:, None]
+        V[self.near[inside]] = self._centre + spoke[inside] * out[:, None]
         return V
