@@ -21,11 +21,6 @@ class Lids:
     centre : ndarray of shape (3,)
     radius : float
 
-    Attributes
-    ----------
-    near : ndarray of int
-        Vertices of the skin around the eye.
-
     Examples
     --------
     >>> rest = np.array([[0.0, 0.0, 13.0], [0.0, 60.0, 0.0]])
@@ -37,19 +32,20 @@ class Lids:
     def __init__(self, rest, centre, radius):
         spoke = rest - centre
         away = np.linalg.norm(spoke, axis=1)
-        self.near = np.flatnonzero((away < radius + _REACH) & (spoke[:, 2] > _FRONT * radius))
-        away = away[self.near]
+        self._near = np.flatnonzero((away < radius + _REACH) & (spoke[:, 2] > _FRONT * radius))
+        away = away[self._near]
         wanted = radius + _FILM + 0.5 * (away - radius).clip(0, _LAYERS)
-        self._centre, self._least = centre, np.minimum(wanted, away)
+        self.centre, self.radius = np.asarray(centre, dtype=float), float(radius)
+        self._least = np.minimum(wanted, away)
 
     def off(self, vertices):
         """A posed face with these lids off the eye: shape (n_vertices, 3), millimetres."""
-        spoke = vertices[self.near] - self._centre
+        spoke = vertices[self._near] - self.centre
         away = np.linalg.norm(spoke, axis=1)
         inside = away < self._least
         if not inside.any():
             return vertices
         V = np.array(vertices, dtype=float)
         out = self._least[inside] / np.maximum(away[inside], 1e-9)
-        V[self.near[inside]] = self._centre + spoke[inside] * out[:, None]
+        V[self._near[inside]] = self.centre + spoke[inside] * out[:, None]
         return V

@@ -11,7 +11,7 @@ from facelab.looks.raster import rasterise
 _DIRECTIONS, _PIXELS = 32, 110
 _BIAS = 1.6  # pixels: a surface does not shade itself
 _DARKEST = np.array([0.30, 0.20, 0.19])  # share of its colour that skin keeps where no light comes
-_LID = 0.8
+_LID = 0.9
 _made = WeakKeyDictionary()
 
 
@@ -49,11 +49,13 @@ def skin_colors(mesh, color, props=()):
     props : iterable of Prop
         Around their eyes less: a lid that is folded at rest comes to light as it closes.
     """
-    light = openness(mesh)[:, None].copy()
+    light = openness(mesh)[:, None]
     for prop in props:
         lids = getattr(prop, "lids", None)
         if lids is not None:
-            light[lids.near] = np.maximum(light[lids.near], _LID)
+            away = np.linalg.norm(mesh.vertices - lids.centre, axis=1) / lids.radius
+            t = ((2.6 - away) / 1.0).clip(0, 1)[:, None]
+            light = np.maximum(light, _LID * t * t * (3 - 2 * t))
     return np.array(to_rgb(color)) * (_DARKEST + (1 - _DARKEST) * light)
 
 
