@@ -11,6 +11,7 @@ from facelab.checks import as_finite
 from facelab.geometry.mesh import vertex_normals
 from facelab.looks.light import shaded
 from facelab.looks.lining import Lining
+from facelab.looks.occlusion import skin_colors
 from facelab.looks.palette import PALETTE, map_colors
 from facelab.looks.props import face_props, followed, lids_off
 from facelab.looks.raster import rasterise
@@ -89,7 +90,7 @@ def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=None, sh
     axes = np.stack([right, np.cross(ahead, right), ahead])
     props = face_props(mesh) if props is None else list(props)
     V = lids_off(props, V)
-    parts = [(V, mesh.faces, SKIN if colors is None else colors, 0.0)]
+    parts = [(V, mesh.faces, skin_colors(mesh, SKIN, props) if colors is None else colors, 0.0)]
     lining = Lining(mesh)
     if len(lining.faces):
         parts.append((lining.vertices(V), lining.faces, lining.colors, 0.0))

@@ -35,16 +35,17 @@ class Lids:
         self._near = np.flatnonzero((away < radius + _REACH) & (spoke[:, 2] > _FRONT * radius))
         away = away[self._near]
         wanted = radius + _FILM + 0.5 * (away - radius).clip(0, _LAYERS)
-        self._centre, self._least = centre, np.minimum(wanted, away)
+        self.centre, self.radius = np.asarray(centre, dtype=float), float(radius)
+        self._least = np.minimum(wanted, away)
 
     def off(self, vertices):
         """A posed face with these lids off the eye: shape (n_vertices, 3), millimetres."""
-        spoke = vertices[self._near] - self._centre
+        spoke = vertices[self._near] - self.centre
         away = np.linalg.norm(spoke, axis=1)
         inside = away < self._least
         if not inside.any():
             return vertices
         V = np.array(vertices, dtype=float)
         out = self._least[inside] / np.maximum(away[inside], 1e-9)
-        V[self._near[inside]] = self._centre + spoke[inside] * out[:, None]
+        V[self._near[inside]] = self.centre + spoke[inside] * out[:, None]
         return V

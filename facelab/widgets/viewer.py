@@ -17,6 +17,7 @@ from matplotlib.colors import to_hex, to_rgb
 
 from facelab.geometry.mesh import normals_operator, vertex_normals_by
 from facelab.looks import Lining
+from facelab.looks.light import FILL, KEY, RIM, STRENGTHS
 from facelab.plotting import SKIN
 from facelab.widgets.hand import Hand, packed_riders
 from facelab.widgets.props import PropMeshes
@@ -169,9 +170,20 @@ class FaceView:
         self._camera, self._orbit = other._camera, other._orbit
 
     def _lights(self):
-        key = three.DirectionalLight(color="#fff4e8", intensity=0.55, position=[-250, 300, 500])
-        fill = three.DirectionalLight(color="#dfe9ff", intensity=0.28, position=[400, 50, 300])
-        return [three.AmbientLight(color="#ffffff", intensity=0.40), key, fill]
+        """Three lights, and what comes from all around, a little more from above."""
+        shone = (("#fff4e8", KEY, "key"), ("#dfe9ff", FILL, "fill"), ("#ffffff", RIM, "rim"))
+        lights = [
+            three.DirectionalLight(
+                color=color, intensity=STRENGTHS[name], position=(600 * towards).tolist()
+            )
+            for color, towards, name in shone
+        ]
+        sky = {
+            "color": "#ffffff",
+            "groundColor": "#99928c",
+            "intensity": 1.25 * STRENGTHS["around"],
+        }
+        return [three.HemisphereLight(**sky), *lights]
 
     # --- what the mouse does ----------------------------------------------------------------------
 

@@ -4,10 +4,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from scipy import ndimage
+from shapes import sphere_mesh
 
 from facelab import plotting
 from facelab.data import load_template
+from facelab.geometry.mesh import TriangleMesh
+from facelab.looks import face_props
 from facelab.looks.light import shaded
+from facelab.looks.occlusion import openness, skin_colors
 from facelab.looks.raster import rasterise
 
 
@@ -74,3 +78,33 @@ def test_what_faces_the_light_is_brighter_than_what_faces_away():
     assert (light > 1.3 * dark).all()
     wet = shaded(np.full((1, 3), 0.1), np.array([[-0.23, 0.28, 0.93]]), np.ones(1))
     assert wet.min() > 0.6  # a glint
+
+
+def test_all_light_reaches_a_ball_and_little_the_inside_of_one():
+    ball = sphere_mesh(3, radius=50.0)
+    assert openness(ball).min() > 0.97
+    inside = TriangleMesh(ball.vertices, ball.faces[:, ::-1])
+    assert openness(inside).max() < 0.05
+
+
+def test_a_high_wall_takes_half_of_the_light_from_the_floor_before_it():
+    t = np.linspace(-1, 1, 41)
+    x, z = np.meshgrid(60 * t, np.linspace(0, 20, 9))
+    floor = np.stack([x, 0 * x, z], axis=-1).reshape(-1, 3)
+    wall = floor[:, [0, 2, 1]] * [1, 4, 1]  # it stands on the edge z = 0 and faces the floor
+    k = np.arange(9 * 41).reshape(9, 41)
+    a, b, c, d = (m.ravel() for m in (k[:-1, :-1], k[:-1, 1:], k[1:, :-1], k[1:, 1:]))
+    F = np.concatenate([np.stack([a, c, d], 1), np.stack([a, d, b], 1)])
+    both = TriangleMesh(np.vstack([floor, wall]), np.vstack([F, F[:, ::-1] + len(floor)]))
+    assert both.normals[k[4, 20]][1] > 0.99 and both.normals[len(floor) + k[4, 20]][2] > 0.99
+    light = openness(both)
+    # half of the sky is hidden there, but for what comes past the ends of the wall
+    assert light[k[4, 20]] == pytest.approx(0.55, abs=0.06)
+
+
+def test_skin_is_darker_in_the_mouth_and_not_around_the_eyes():
+    face = load_template(4375)
+    colors = skin_colors(face, "#ffffff", face_props(face))
+    marks = face.landmarks
+    assert colors[marks["mouth_inner_upper"]].max() < colors[marks["brow_left_3"]].min()
+    assert colors[marks["eye_left_upper_inner"]].min() > 0.8
