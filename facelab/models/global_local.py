@@ -124,13 +124,14 @@ class GlobalLocalModel(RegionModel):
 
     # --- learning ---------------------------------------------------------------------------------
 
-    def fit_blocks(self, blocks, passes=2, progress=True):
-        """As `fit`, of frames in blocks; they are gathered, for a face so small fits into memory.
-
-        The parameters are those of `RegionModel.fit_blocks`; `passes` and `progress` do nothing.
-        """
-        blocks = blocks() if callable(blocks) else blocks
-        return self.fit(np.concatenate([np.array(block) for block in blocks]))
+    def _learned_of_blocks(self, blocks, *_):
+        """Blocks, and those of a Dask array, are gathered: a face so small fits into memory."""
+        wanted = "n_frames", 3 * self.cut.mesh.n_vertices
+        self._check_width(wanted[1])
+        some = blocks() if callable(blocks) else [blocks]
+        some = [x if isinstance(x, np.ndarray) else np.asarray(x) for x in some]
+        frames = [as_finite(x, "X", wanted, "one of the blocks") for x in some]  # no masks either
+        return self._learned(np.concatenate(frames))
 
     def _learned(self, X):
         n_frames, n_features = X.shape

@@ -37,7 +37,7 @@ def varimax(B, rounds=200):
     --------
     >>> import numpy as np
     >>> from facelab.models import varimax
-    >>> mixed = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]) / np.sqrt(2)
+    >>> mixed = np.array([[0.8, 0.6, 0.0], [0.6, -0.8, 0.0]])
     >>> (np.abs(varimax(mixed)) > 0.01).sum(axis=1).tolist()  # coordinates that each row moves
     [1, 1]
     """

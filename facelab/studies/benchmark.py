@@ -150,6 +150,9 @@ def entries(task, sizes=SIZES, each=EACH):
             n,
             GlobalThenRegions(first, rest.truncated(n - GLOBAL, "total")),
         )
+    shrunk = GlobalLocalModel(regions, max(sizes), share=0).fit(X)
+    for n in sizes:
+        yield Entry("holistic, shrunk", "total", n, shrunk.truncated(n))
     shares = GlobalLocalModel(regions).shares_for(X, sizes)  # as each size would choose by itself
     for share in dict.fromkeys(shares):
         rich = GlobalLocalModel(regions, max(sizes), share).fit(X)

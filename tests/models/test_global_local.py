@@ -235,6 +235,26 @@ def test_blocks_are_learned_from_as_one(frames):
     np.testing.assert_array_equal(blocks, whole)
 
 
+def test_blocks_with_values_hidden_or_lost_are_refused(frames):
+    model = GlobalLocalModel(corner_regions(), 9, share=0.3)
+    hidden = np.ma.masked_greater(frames, 3)
+    lost = np.where(frames > 3, np.nan, frames)
+    for bad, message in ((hidden, "masked"), (lost, "one of the blocks"), (frames[:, 3:], "shape")):
+        with pytest.raises(ValueError, match=message):
+            model.fit_blocks([frames, bad], progress=False)
+    assert not hasattr(model, "mean_")
+
+
+def test_a_dask_array_is_learned_from_as_one_in_memory(frames):
+    array = pytest.importorskip("dask.array").from_array(frames, chunks=(50, 126))
+    model = GlobalLocalModel(corner_regions(), 9)
+    whole = model.fit(frames).reconstruct(frames)
+    share, noise = model.share_, model.noise_
+    again = GlobalLocalModel(corner_regions(), 9).fit(array)
+    assert (again.share_, again.noise_) == (share, noise)
+    np.testing.assert_array_equal(again.reconstruct(frames), whole)
+
+
 def test_few_frames_take_the_middle_share(frames):
     model = GlobalLocalModel(corner_regions(), 4).fit(frames[:10])
     assert expressions(frames[:10]) is None and model.share_ == SHARES[1]

@@ -1,8 +1,11 @@
+import doctest
+
 import numpy as np
 import pytest
 from planted import bumps, quarters
 from shapes import grid_mesh
 
+from facelab.models import global_local, localised
 from facelab.models.holistic import HolisticModel
 from facelab.models.localised import SUPPORT, localised_model, varimax
 
@@ -78,3 +81,8 @@ def test_rows_that_moved_few_coordinates_before_they_were_mixed_are_found_again(
     mixed = np.linalg.qr(rng.normal(size=(4, 4)))[0] @ sparse
     found = np.abs(varimax(mixed) @ sparse.T)
     np.testing.assert_allclose(np.sort(found, axis=None)[-4:], 1, atol=1e-6)
+
+
+def test_the_examples_run():
+    assert doctest.testmod(localised).failed == 0
+    assert doctest.testmod(global_local).failed == 0

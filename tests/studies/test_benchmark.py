@@ -1,4 +1,6 @@
 import csv
+import re
+from pathlib import Path
 from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
@@ -47,7 +49,7 @@ def rows(task, models):
 
 def test_every_family_is_asked_about_every_take(rows):
     families = {"holistic", "rotated", "regions", "global, then regions", "global and local"}
-    families |= {"sparse localised"}
+    families |= {"sparse localised", "holistic, shrunk"}
     for family in families:
         for size in (12, 20):
             of = [
@@ -224,3 +226,61 @@ def test_the_figure_shows_medians_and_names_its_axes(rows):
     assert [line.get_xdata()[0] for line in right.lines] == [0.25]
     assert "mm" in left.get_ylabel() and "mm" in right.get_xlabel()
     plt.close(fig)
+
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def stored_tables():
+    """The tables of docs/benchmark.md: heading to list of rows, each a dict by column."""
+    found, heading = {}, None
+    for line in (ROOT / "docs/benchmark.md").read_text(encoding="utf-8").splitlines():
+        if line.startswith("## "):
+            heading, head = line[3:], None
+        elif line.startswith("|"):
+            cells = [cell.strip() for cell in line.strip("|").split("|")]
+            if found.get(heading) is None or head is None or cells[0] in ("model", "modes each"):
+                head = cells
+                found.setdefault(heading, [])
+            elif not cells[0].startswith("---"):
+                found[heading].append(dict(zip(["", *head[1:]], cells, strict=True)))
+    return found
+
+
+def test_the_readme_says_what_the_stored_table_says():
+    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    said = re.search(
+        r"at (\d+) parameters holistic modes are ([\d.]+) mm from the truth, regions ([\d.]+), "
+        r"`GlobalLocalModel` ([\d.]+); it is better than the better of both in (\d+ of \d+)",
+        text,
+    )
+    size, holistic, regions, between, better = said.groups()
+    tables = stored_tables()
+    of = {row[""]: row for row in tables["generic face, rich training"] if size in row}
+    stored = [of[family][size] for family in ("holistic", "regions", "global and local")]
+    assert [holistic, regions, between] == stored
+    against = tables["Against the better of holistic and regions, at equal parameters"]
+    (row,) = [
+        r for r in against if (r[""], r["data"]) == ("global and local", "generic face, rich")
+    ]
+    assert better == row["better in"]
+
+
+def test_the_words_beside_the_stored_tables_hold():
+    tables = stored_tables()
+    ratios = tables["Against the better of holistic and regions, at equal parameters"]
+    worst = {r["data"]: float(r["worst ratio"]) for r in ratios if r[""] == "global and local"}
+    assert worst.pop("Aura, rich") > max(worst.values())
+    assert max(worst.values()) <= 1.02
+    assert max(float(r["median ratio"]) for r in ratios if r[""] == "global and local") < 1
+    told = {r[""]: r for r in tables["A real capture"]}
+    for size in ("10", "20", "40", "80"):
+        of = {family: float(told[family][size]) for family in told if told[family][size]}
+        assert min(of.values()) == of["holistic"]
+    pulled = {(r[""], r["size"]): r for r in tables["Locality"]}
+    for size in ("60 in all", "130 in all"):
+        far = {
+            f: float(pulled[f, size]["beyond, at equal following"])
+            for f in ("holistic", "regions", "global and local")
+        }
+        assert min(far, key=far.get) == "global and local"
