@@ -230,6 +230,13 @@ class Hand {
       + above * lens.half * lens.up[a] - lens.back[a]);
   }
 
+  // Where the mouse is in the plane through a point that faces the camera.
+  inPlane(event, lens, point) {
+    const way = this.ray(event, lens);
+    const t = dot(add(point, lens.eye, -1), lens.back) / dot(way, lens.back);
+    return add(lens.eye, way, t);
+  }
+
   // Where a point of the head frame is on the canvas, pixels from its corner.
   onCanvas(point, lens, box = this.box()) {
     const off = add(point, lens.eye, -1);
@@ -353,7 +360,9 @@ class Hand {
       this.say("Not skin: pull the skin beside it.", event);
       return;
     }
-    this.grip = { lens: this.lens(), point: found.point };
+    const lens = this.lens();
+    // where the mouse is, as far away as what it takes: a pin near it does not jump to it
+    this.grip = { lens, point: this.inPlane(event, lens, found.point) };
     this.begin(found.vertex, event.shiftKey || this.model.get("along_normal"));
   }
 
@@ -381,9 +390,7 @@ class Hand {
   // How far the mouse has gone in the plane through the grip that faces the camera.
   offsetAt(event) {
     const { lens, point } = this.grip;
-    const way = this.ray(event, lens);
-    const t = dot(add(point, lens.eye, -1), lens.back) / dot(way, lens.back);
-    const offset = add(add(lens.eye, way, t), point, -1);
+    const offset = add(this.inPlane(event, lens, point), point, -1);
     const { rail } = this.drag;
     return rail ? rail.normal.map((x) => x * dot(offset, rail.across)) : offset;
   }
