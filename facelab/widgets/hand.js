@@ -13,11 +13,11 @@ const HIGHEST = 0.8; // of the window
 const SVG = "http://www.w3.org/2000/svg";
 const PULL = "facelab-pull"; // tells the other views of a face what is pulled, and where to
 const VIEWS = [
-  ["front", "F", "From the front", [0, 0, 1]],
-  ["left", "L", "From the person's left", [1, 0, 0]],
-  ["right", "R", "From the person's right", [-1, 0, 0]],
-  ["top", "T", "From above", [0, 1, 0.01]],
-  ["three-quarter", "¾", "Three-quarter view", [0.7, 0.1, 0.7]],
+  ["F", "From the front", [0, 0, 1]],
+  ["L", "From the person's left", [1, 0, 0]],
+  ["R", "From the person's right", [-1, 0, 0]],
+  ["T", "From above", [0, 1, 0.01]],
+  ["¾", "Three-quarter view", [0.7, 0.1, 0.7]],
 ];
 
 const typed = (Kind, view) =>
@@ -138,7 +138,7 @@ class Hand {
       made.textContent = sign;
       made.addEventListener("click", react);
     };
-    for (const [, sign, tip, way] of VIEWS) button(sign, tip, () => this.lookFrom(way));
+    for (const [sign, tip, way] of VIEWS) button(sign, tip, () => this.lookFrom(way));
     button("★", "My view (with Shift: keep the present one as it)", (event) => {
       const away = this.eye();
       if (event.shiftKey || !this.own) this.own = away;
