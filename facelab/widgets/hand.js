@@ -13,11 +13,11 @@ const HIGHEST = 0.8; // of the window
 const SVG = "http://www.w3.org/2000/svg";
 const PULL = "facelab-pull"; // tells the other views of a face what is pulled, and where to
 const VIEWS = [
-  ["front", "F", "From the front", [0, 0, 1]],
-  ["left", "L", "From the person's left", [1, 0, 0]],
-  ["right", "R", "From the person's right", [-1, 0, 0]],
-  ["top", "T", "From above", [0, 1, 0.01]],
-  ["three-quarter", "¾", "Three-quarter view", [0.7, 0.1, 0.7]],
+  ["F", "From the front", [0, 0, 1]],
+  ["L", "From the person's left", [1, 0, 0]],
+  ["R", "From the person's right", [-1, 0, 0]],
+  ["T", "From above", [0, 1, 0.01]],
+  ["¾", "Three-quarter view", [0.7, 0.1, 0.7]],
 ];
 
 const typed = (Kind, view) =>
@@ -138,7 +138,7 @@ class Hand {
       made.textContent = sign;
       made.addEventListener("click", react);
     };
-    for (const [, sign, tip, way] of VIEWS) button(sign, tip, () => this.lookFrom(way));
+    for (const [sign, tip, way] of VIEWS) button(sign, tip, () => this.lookFrom(way));
     button("★", "My view (with Shift: keep the present one as it)", (event) => {
       const away = this.eye();
       if (event.shiftKey || !this.own) this.own = away;
@@ -228,6 +228,13 @@ class Hand {
     const above = 1 - (2 * (y - box.top)) / box.height;
     return [0, 1, 2].map((a) => across * lens.wide * lens.right[a]
       + above * lens.half * lens.up[a] - lens.back[a]);
+  }
+
+  // Where the mouse is in the plane through a point that faces the camera.
+  inPlane(event, lens, point) {
+    const way = this.ray(event, lens);
+    const t = dot(add(point, lens.eye, -1), lens.back) / dot(way, lens.back);
+    return add(lens.eye, way, t);
   }
 
   // Where a point of the head frame is on the canvas, pixels from its corner.
@@ -353,7 +360,9 @@ class Hand {
       this.say("Not skin: pull the skin beside it.", event);
       return;
     }
-    this.grip = { lens: this.lens(), point: found.point };
+    const lens = this.lens();
+    // where the mouse is, as far away as what it takes: a pin near it does not jump to it
+    this.grip = { lens, point: this.inPlane(event, lens, found.point) };
     this.begin(found.vertex, event.shiftKey || this.model.get("along_normal"));
   }
 
@@ -381,9 +390,7 @@ class Hand {
   // How far the mouse has gone in the plane through the grip that faces the camera.
   offsetAt(event) {
     const { lens, point } = this.grip;
-    const way = this.ray(event, lens);
-    const t = dot(add(point, lens.eye, -1), lens.back) / dot(way, lens.back);
-    const offset = add(add(lens.eye, way, t), point, -1);
+    const offset = add(this.inPlane(event, lens, point), point, -1);
     const { rail } = this.drag;
     return rail ? rail.normal.map((x) => x * dot(offset, rail.across)) : offset;
   }

@@ -560,7 +560,9 @@ lab
 
 def middle_on_canvas(lab):
     """Middle of what is drawn on the first canvas, as fractions of its width and height."""
-    picture = lab.page.locator("canvas").first.screenshot()
+    picture = lab.page.locator("canvas").first.screenshot(
+        style=".facelab-hand { visibility: hidden }"  # the buttons over it
+    )
     pixels = matplotlib.image.imread(io.BytesIO(picture))[..., :3]
     drawn = np.abs(pixels - pixels[0, 0]).max(axis=2) > 0.1  # the corner shows the background
     return [np.flatnonzero(drawn.any(axis=a))[[0, -1]].mean() / drawn.shape[1 - a] for a in (0, 1)]

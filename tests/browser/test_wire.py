@@ -51,12 +51,9 @@ class Puller:
 
     def __init__(self, lab, wire):
         self.lab, self.wire = lab, wire
-        self._places = {}
 
     def _place(self, kind):
         """Which canvas is pulled, and where, pixels of the page."""
-        if kind in self._places:
-            return self._places[kind]
         expression = kind == "expression"
         which = "sketch.sketch_view" if expression else "view"
         canvas = self.lab.page.locator(".facelab-face canvas").nth(int(expression))
@@ -68,9 +65,7 @@ class Puller:
         )
         at = self.lab.run("", p=f"{which}.project({which}.vertices[[{vertex}]])[0].tolist()")["p"]
         corner = np.array([box["x"], box["y"]])
-        place = int(expression), corner + np.array(at) * [box["width"], box["height"]]
-        self._places = {kind: place}  # to see another canvas the page is scrolled
-        return place
+        return int(expression), corner + np.array(at) * [box["width"], box["height"]]
 
     def _seen(self, kind, canvas):
         """The face that the page draws, and the one that the kernel has, (n_vertices, 3)."""
