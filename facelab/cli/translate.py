@@ -5,6 +5,7 @@ import numpy as np
 from facelab import files
 from facelab.cli.inputs import WEIGHTS, path_of
 from facelab.expression import Translator
+from facelab.expression.translate import NEAR
 
 HELP = "takes of one rig become takes of another (CSV), with the error in millimetres"
 EXAMPLE = """\
@@ -26,7 +27,7 @@ def add_options(parser):
     parser.add_argument("--lam", type=float, default=0.07, help="mm: more leaves fewer shapes")
     parser.add_argument("--smooth", type=float, default=0.004, help="millimetre seconds")
     parser.add_argument(
-        "--near", type=float, default=0.03, help="0 to 1: nearness against the same shapes"
+        "--near", type=float, default=NEAR, help="0 to 1: nearness against the same shapes"
     )
 
 

@@ -11,6 +11,7 @@ NAMES = (
     "locality",
     "long_takes",
     "markers",
+    "peers",
     "readers",
     "registration",
     "regression",
