@@ -253,6 +253,11 @@ class ExpressionLab(Lab):
         self._show_difference()
         self._sort()
 
+    @property
+    def rig(self):
+        """The rig whose units are read."""
+        return self.session.rig
+
     def picture(self):
         """The face that the units make, for where the lab does not run: bytes of a PNG."""
         return Thumbnails(self.mesh, self._props, *self._size).png(self.session.vertices)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from planted import bumps, quarters
 
+import facelab
 from facelab.expression.session import ExpressionSession
 from facelab.files.poses import load_library, save_library
 from facelab.files.takes import read_live_link_csv
@@ -349,3 +350,12 @@ def test_another_face_in_the_same_page_leaves_nothing_of_the_first(lab, parts):
     with pytest.raises(TypeError, match="PosingSession"):
         lab.take_up(rig)
     assert lab.session is other
+
+
+def test_a_rig_without_landmarks_has_places_named_all_the_same():
+    rig = facelab.load_example().rig
+    small = rig.on(*rig.neutral.subsample(900))
+    bare = TriangleMesh(small.neutral.vertices, small.neutral.faces)
+    lab = ExpressionLab(ExpressionSession(BlendshapeRig(bare, small.names, small.deltas)))
+    names = {lab.name_of(v) for v in range(bare.n_vertices)}
+    assert {"nose tip", "chin", "mouth corner left", "brow right"} <= names
