@@ -328,13 +328,19 @@ def test_a_fault_of_our_own_is_told_as_one_with_its_place(lab, monkeypatch):
 
 
 @pytest.mark.parametrize("which", ["lab", "expression"])
-def test_where_it_does_not_run_a_notebook_has_a_picture_and_says_press_run(which, request):
+def test_where_it_does_not_run_a_notebook_has_a_picture_and_says_press_run(
+    which, request, monkeypatch
+):
     page = request.getfixturevalue(which)
-    bundle = page._repr_mimebundle_()
+    shown = []
+    monkeypatch.setattr("facelab.widgets.page.display", lambda what, raw=False: shown.append(what))
+    page._ipython_display_()
+    still, bundle = shown
     assert "Press Run" in bundle["text/plain"] and "HBox" not in bundle["text/plain"]
     assert "application/vnd.jupyter.widget-view+json" in bundle
-    image = matplotlib.image.imread(io.BytesIO(base64.b64decode(bundle["image/png"])))
-    assert image[..., :3].min() < 0.5 < image[..., :3].max()
+    png = re.search(r"base64,([^\"]+)", still.data)[1]
+    image = matplotlib.image.imread(io.BytesIO(base64.b64decode(png)))
+    assert image[..., :3].min() < 0.5 < image[..., :3].max() and "Press Run" in still.data
 
 
 def test_another_face_in_the_same_page_leaves_nothing_of_the_first(lab, parts):
