@@ -205,7 +205,7 @@ class PosingLab(Lab):
         view = FaceView(self.session.neutral, self.props, width, height, **kwargs)
         view.on_hover, view.on_press = self._hover, self._press
         view.on_move, view.on_release = self._move, self._release
-        view.names = self.places.names
+        view.names = [self.name_of(v) for v in range(self.mesh.n_vertices)]
         return view
 
     def _build(self):
