@@ -168,7 +168,7 @@ def test_the_page_has_a_name_for_each_vertex(models, rng):
     names = lab.view.names
     assert names[14] == "brow left 3" == lab.name_of(14)
     far = int(np.linalg.norm(mesh.vertices - mesh.vertices[14], axis=1).argmax())
-    assert names[far] == "" and lab.name_of(far) == f"vertex {far}"
+    assert names[far] == f"vertex {far}" and lab.name_of(far) == f"vertex {far}"
     with pytest.raises(ValueError, match="2 names"):
         lab.view.names = ["a", "b"]
 
