@@ -109,14 +109,6 @@ class FacePlaces:
                 return name.replace("_", " ")
         return f"vertex {vertex}"
 
-    @property
-    def names(self):
-        """Names of all vertices, empty where there is none: list of str."""
-        if self.known:
-            return [self.vertex(v) for v in self._own]
-        marks = {v: name.replace("_", " ") for name, v in self.mesh.landmarks.items()}
-        return [marks.get(v, "") for v in range(self.mesh.n_vertices)]
-
     def _without_side(self, name, vertex):
         """On the midline there is no side."""
         middle = self.partners[vertex] == vertex

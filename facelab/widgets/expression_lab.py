@@ -97,7 +97,7 @@ class ExpressionLab(Lab):
         self._props, self._size = list(props), (width, height)
         self.sketch_view = FaceView(mesh, props, width, height)
         self.view = FaceView(mesh, props, width, height, linked_to=self.sketch_view)
-        self.sketch_view.names = self.places.names
+        self.sketch_view.names = [self.name_of(v) for v in range(self.mesh.n_vertices)]
         self.sketch_view.on_press = self._press
         self.sketch_view.on_move = self._move
         self.sketch_view.on_release = self._release
@@ -252,6 +252,11 @@ class ExpressionLab(Lab):
         self._show_answer()
         self._show_difference()
         self._sort()
+
+    @property
+    def rig(self):
+        """The rig whose units are read."""
+        return self.session.rig
 
     def picture(self):
         """The face that the units make, for where the lab does not run: bytes of a PNG."""

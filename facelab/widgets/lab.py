@@ -1,10 +1,13 @@
 """What both labs share: the face on the left, tidy controls beside it, steps, keys and words."""
 
+import contextlib
 import re
 from functools import cached_property
 
 import ipywidgets as widgets
 
+from facelab.expression.landmarks import guess_landmarks
+from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.places import FacePlaces
 from facelab.widgets.page import Page, markup, shows_errors
 from facelab.widgets.parts import ROOT, ItemList, Keys
@@ -68,8 +71,14 @@ class Lab(Page):
 
     @cached_property
     def places(self):
-        """Names of the places of the face."""
-        return FacePlaces(self.mesh, getattr(self.session, "partners", None))
+        """Names of the places of the face; one without landmarks has them guessed for that."""
+        mesh, partners = self.mesh, getattr(self.session, "partners", None)
+        found = FacePlaces(mesh, partners)
+        if not found.known and self.rig is not None:
+            with contextlib.suppress(ValueError):  # its shapes do not tell
+                marks = guess_landmarks(self.rig)
+                return FacePlaces(TriangleMesh(mesh.vertices, mesh.faces, marks), partners)
+        return found
 
     def name_of(self, vertex):
         """A vertex in words: the place where it lies, or its number."""

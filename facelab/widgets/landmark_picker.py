@@ -4,11 +4,14 @@ import ipywidgets as widgets
 import numpy as np
 
 from facelab.data.actors import load_template
-from facelab.files.landmarks import write_landmarks
+from facelab.expression.landmarks import guess_landmarks
+from facelab.files.landmarks import read_landmarks, write_landmarks
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.numeric.undo import History
-from facelab.widgets.page import Page, markup, path_in, shows_errors, written
+from facelab.rig import BlendshapeRig
+from facelab.widgets.lab import button, row
+from facelab.widgets.page import Page, markup, path_in, shows_errors, uploaded, written
 from facelab.widgets.parts import ROOT, ItemList
 from facelab.widgets.viewer import FaceView
 
@@ -31,8 +34,9 @@ class LandmarkPicker(Page):
 
     Parameters
     ----------
-    mesh : TriangleMesh
-        The face, millimetres; landmarks that it has are there at the start.
+    mesh : TriangleMesh or BlendshapeRig
+        The face, millimetres; landmarks that it has are there at the start. Of a rig, those that
+        are missing can be guessed from its shapes by a button (`guess_landmarks`).
     names : sequence of str, optional
         Landmarks to set, of `MULTI_PIE`; the six that a fit needs if left out.
     props : iterable of (TriangleMesh, colors), optional
@@ -57,8 +61,10 @@ class LandmarkPicker(Page):
     """
 
     def __init__(self, mesh, names=SIX, props=(), width=470, height=540, folder="."):
+        self._rig = mesh if isinstance(mesh, BlendshapeRig) else None
+        mesh = mesh if self._rig is None else self._rig.neutral
         if not isinstance(mesh, TriangleMesh):
-            raise TypeError(f"mesh is a {type(mesh).__name__}; give a TriangleMesh.")
+            raise TypeError(f"mesh is a {type(mesh).__name__}; give a TriangleMesh or a rig.")
         names = tuple(names)
         odd = [name for name in names if name not in MULTI_PIE]
         if odd or not names or len(set(names)) < len(names):
@@ -78,6 +84,15 @@ class LandmarkPicker(Page):
         self.undo = widgets.Button(description="Undo", layout={"width": "72px"})
         self.name = widgets.Text(value="landmarks", layout={"width": "150px"})
         self.save = widgets.Button(description="Save", layout={"width": "72px"})
+        self.guess = button(
+            "Guess", "Those that are missing, from how the rig's shapes move", self._guess
+        )
+        self.guess.disabled = self._rig is None
+        self.upload = widgets.FileUpload(
+            accept=".ljson,.pp,.json,.txt,.csv,.npy,.npz", description="Open",
+            tooltip="Landmarks from a file", layout={"width": "auto"},
+        )  # fmt: skip
+        self.upload.observe(self._open, names="value")
         self._verdict, self._result = widgets.HTML(), widgets.HTML()
         self._build_messages()
         self.undo.on_click(self._undo)
@@ -86,7 +101,7 @@ class LandmarkPicker(Page):
             [
                 self.map,
                 self.list,
-                widgets.HBox([self.undo, self.name, self.save]),
+                row(self.undo, self.guess, self.upload, self.name, self.save),
                 *(self._verdict, self._message, self._result),
             ],
             layout={"width": "330px", "padding": "0 0 0 12px"},
@@ -137,6 +152,25 @@ class LandmarkPicker(Page):
             self.history.undo()
             changed = [n for n in self.names if before.get(n) != self.history.state.get(n)]
             self.wanted = changed[0] if changed else self.wanted
+        self.refresh()
+
+    @shows_errors
+    def _guess(self, _):
+        self._take(guess_landmarks(self._rig))
+
+    @shows_errors
+    def _open(self, change):
+        if change["new"]:
+            with uploaded(self.upload) as path:
+                self._take(read_landmarks(path, self._face))
+
+    def _take(self, found):
+        """Set what is missing of some landmarks, as one step."""
+        new = {n: v for n, v in found.items() if n in self.names and n not in self.landmarks}
+        self.clear()
+        self.history.make({**self.history.state, **new})
+        missing = [n for n in self.names if n not in self.history.state]
+        self.wanted = missing[0] if missing else self.wanted
         self.refresh()
 
     @shows_errors

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import ipywidgets as widgets
+from IPython.display import HTML, display
 from markupsafe import Markup
 
 from facelab.widgets.thumbnail import captioned
@@ -77,11 +78,19 @@ class Page:
         self._message = widgets.HTML()
 
     def _repr_mimebundle_(self, **kwargs):
-        """The page, and what stands in the notebook where its kernel does not run."""
         still = {"text/plain": f"{type(self).__name__}: {_ASLEEP}"}
-        if hasattr(self, "picture"):
-            still["image/png"] = captioned(self.picture(), _ASLEEP)
         return {**self.widget._repr_mimebundle_(**kwargs), **still}
+
+    def _ipython_display_(self):
+        """Show the page, and above it what stands in the notebook where its kernel does not run.
+
+        The style of the page hides that picture while the page is there (`parts.css`).
+        """
+        if hasattr(self, "picture"):
+            picture = captioned(self.picture(), f"{type(self).__name__}: {_ASLEEP}")
+            html = '<div class="facelab-still"><img alt="{}" src="data:image/png;base64,{}"></div>'
+            display(HTML(markup(html, _ASLEEP, picture)))
+        display(self._repr_mimebundle_(), raw=True)
 
     def say(self, text):
         """Show what is going on: a text, escaped, or `markup`."""

@@ -14,6 +14,20 @@ function keys({ model, el }) {
   const on = (target, name, react, capture = false) =>
     target.addEventListener(name, react, { signal: listen.signal, capture });
 
+  // What ipywidgets leaves unsaid for those who hear the page: what a slider is, what is pressed.
+  const speak = () => {
+    for (const box of root?.querySelectorAll(".widget-inline-hbox") ?? []) {
+      const name = box.querySelector(".widget-label")?.textContent;
+      for (const handle of name ? box.querySelectorAll(".noUi-handle, input, select") : [])
+        if (handle.getAttribute("aria-label") !== name) handle.setAttribute("aria-label", name);
+    }
+    for (const button of root?.querySelectorAll(".widget-toggle-button") ?? []) {
+      const pressed = String(button.classList.contains("mod-active"));
+      if (button.getAttribute("aria-pressed") !== pressed) button.setAttribute("aria-pressed", pressed);
+    }
+  };
+  const watch = new MutationObserver(speak);
+
   const attach = () => {
     if (listen.signal.aborted) return;
     root = el.closest("." + model.get("root"));
@@ -32,20 +46,6 @@ function keys({ model, el }) {
     }, true);
   };
   attach();
-
-  // What ipywidgets leaves unsaid for those who hear the page: what a slider is, what is pressed.
-  const speak = () => {
-    for (const box of root?.querySelectorAll(".widget-inline-hbox") ?? []) {
-      const name = box.querySelector(".widget-label")?.textContent;
-      for (const handle of name ? box.querySelectorAll(".noUi-handle, input, select") : [])
-        if (handle.getAttribute("aria-label") !== name) handle.setAttribute("aria-label", name);
-    }
-    for (const button of root?.querySelectorAll(".widget-toggle-button") ?? []) {
-      const pressed = String(button.classList.contains("mod-active"));
-      if (button.getAttribute("aria-pressed") !== pressed) button.setAttribute("aria-pressed", pressed);
-    }
-  };
-  const watch = new MutationObserver(speak);
 
   on(window, "keydown", (event) => {
     const typing = event.target.closest?.(EDITABLE);

@@ -13,6 +13,7 @@ from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.plotting import region_colors
 from facelab.posing.session import PosingSession
+from facelab.rig import BlendshapeRig
 from facelab.segmentation.segment import segment_face
 from facelab.widgets.lab import Lab, button, row, toggle
 from facelab.widgets.own_face import own_face
@@ -178,6 +179,12 @@ class PosingLab(Lab):
         """The face at rest."""
         return self.session.neutral
 
+    @property
+    def rig(self):
+        """The rig among the models that moves the very face on screen, or None."""
+        rigs = (m for m in self.models.values() if isinstance(m, BlendshapeRig))
+        return next((rig for rig in rigs if rig.n_vertices == self.mesh.n_vertices), None)
+
     def picture(self):
         """The face as it is, for where the lab does not run: bytes of a PNG."""
         return Thumbnails(self.mesh, self.props, *_STILL).png(self.vertices)
@@ -198,7 +205,7 @@ class PosingLab(Lab):
         view = FaceView(self.session.neutral, self.props, width, height, **kwargs)
         view.on_hover, view.on_press = self._hover, self._press
         view.on_move, view.on_release = self._move, self._release
-        view.names = self.places.names
+        view.names = [self.name_of(v) for v in range(self.mesh.n_vertices)]
         return view
 
     def _build(self):

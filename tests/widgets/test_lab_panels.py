@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from planted import bumps, quarters
 
+import facelab
 from facelab.expression.session import ExpressionSession
 from facelab.files.poses import load_library, save_library
 from facelab.files.takes import read_live_link_csv
@@ -327,13 +328,19 @@ def test_a_fault_of_our_own_is_told_as_one_with_its_place(lab, monkeypatch):
 
 
 @pytest.mark.parametrize("which", ["lab", "expression"])
-def test_where_it_does_not_run_a_notebook_has_a_picture_and_says_press_run(which, request):
+def test_where_it_does_not_run_a_notebook_has_a_picture_and_says_press_run(
+    which, request, monkeypatch
+):
     page = request.getfixturevalue(which)
-    bundle = page._repr_mimebundle_()
+    shown = []
+    monkeypatch.setattr("facelab.widgets.page.display", lambda what, raw=False: shown.append(what))
+    page._ipython_display_()
+    still, bundle = shown
     assert "Press Run" in bundle["text/plain"] and "HBox" not in bundle["text/plain"]
     assert "application/vnd.jupyter.widget-view+json" in bundle
-    image = matplotlib.image.imread(io.BytesIO(base64.b64decode(bundle["image/png"])))
-    assert image[..., :3].min() < 0.5 < image[..., :3].max()
+    png = re.search(r"base64,([^\"]+)", still.data)[1]
+    image = matplotlib.image.imread(io.BytesIO(base64.b64decode(png)))
+    assert image[..., :3].min() < 0.5 < image[..., :3].max() and "Press Run" in still.data
 
 
 def test_another_face_in_the_same_page_leaves_nothing_of_the_first(lab, parts):
@@ -349,3 +356,12 @@ def test_another_face_in_the_same_page_leaves_nothing_of_the_first(lab, parts):
     with pytest.raises(TypeError, match="PosingSession"):
         lab.take_up(rig)
     assert lab.session is other
+
+
+def test_a_rig_without_landmarks_has_places_named_all_the_same():
+    rig = facelab.load_example().rig
+    small = rig.on(*rig.neutral.subsample(900))
+    bare = TriangleMesh(small.neutral.vertices, small.neutral.faces)
+    lab = ExpressionLab(ExpressionSession(BlendshapeRig(bare, small.names, small.deltas)))
+    names = {lab.name_of(v) for v in range(bare.n_vertices)}
+    assert {"nose tip", "chin", "mouth corner left", "brow right"} <= names

@@ -1,6 +1,7 @@
 """Landmarks by clicking."""
 
 import json
+from datetime import datetime
 
 import numpy as np
 import pytest
@@ -86,3 +87,29 @@ def test_names_that_are_no_landmarks_are_refused(face):
         LandmarkPicker(face, names=("ear",))
     with pytest.raises(TypeError, match="mesh is a str"):
         LandmarkPicker("face")
+
+
+def test_a_rig_has_what_is_missing_guessed_in_one_step_and_what_is_set_stays(face, tmp_path):
+    rig = facelab.load_example().rig
+    bare = facelab.BlendshapeRig(
+        TriangleMesh(rig.neutral.vertices, rig.neutral.faces), rig.names, rig.deltas
+    )
+    picker = LandmarkPicker(bare, folder=tmp_path)
+    mine = rig.neutral.landmarks["chin"]
+    picker.set("chin", mine)
+    picker.guess.click()
+    assert set(picker.landmarks) == set(SIX) and picker.landmarks["chin"] == mine
+    V, known = rig.neutral.vertices, rig.neutral.landmarks
+    for name, v in picker.landmarks.items():
+        assert np.linalg.norm(V[v] - V[known[name]]) < 10, name
+    picker.undo.click()
+    assert picker.landmarks == {"chin": mine}
+    assert LandmarkPicker(face).guess.disabled
+
+
+def test_landmarks_of_a_file_are_opened(picker, face):
+    content = json.dumps({name: face.landmarks[name] for name in SIX}).encode()
+    file = {"name": "mine.json", "content": content, "type": "", "size": len(content)}
+    picker.upload.set_trait("value", ({**file, "last_modified": datetime.now()},))
+    assert picker._message.value == ""
+    assert picker.landmarks == {name: face.landmarks[name] for name in SIX}
