@@ -1,6 +1,7 @@
 """Views for the notebook: ipywidgets and pythreejs on top of the sessions."""
 
 from facelab.widgets.alpha_view import AlphaView
+from facelab.widgets.error_view import ErrorView
 from facelab.widgets.expression_lab import ExpressionLab
 from facelab.widgets.landmark_picker import LandmarkPicker
 from facelab.widgets.player import Player
@@ -11,6 +12,7 @@ from facelab.widgets.viewer import FaceView
 
 __all__ = [
     "AlphaView",
+    "ErrorView",
     "ExpressionLab",
     "FaceView",
     "LandmarkPicker",

@@ -65,7 +65,7 @@ EXERCISES = (
     Exercise(
         3,
         where_even,
-        "beyond that the model describes the noise of the capture, not the face",
+        "how little the last columns differ is what the noise of the capture leaves to gain",
         "`grid.region[2]` is 13 regions: sizes down, actors across. Where is it smallest?",
         "answer = grid.sizes[int(np.argmin(grid.region[2, :, at]))]",
         ("answer = 1", "answer = 7"),

@@ -1,0 +1,66 @@
+"""Errors of region models against whole faces, for every number of regions and components."""
+
+import ipywidgets as widgets
+
+from facelab.checks import check_index
+from facelab.widgets.page import Page, markup
+
+_COLORS = "#d55e00", "#0072b2", "#56b4e9"  # regions, whole face twice: as in the figures
+
+
+class ErrorView(Page):
+    """A page with two sliders and three bars; all errors were found beforehand.
+
+    Parameters
+    ----------
+    grid : facelab.studies.figure5.ErrorGrid
+    people : sequence of str
+        Names of the actors of the grid, in order.
+    person : int, default=0
+        Who is shown first.
+
+    Attributes
+    ----------
+    regions, components, person : ipywidgets.Widget
+        The controls.
+    errors : dict of str to float
+        The bars on screen, millimetres.
+    widget : ipywidgets.Widget
+    """
+
+    def __init__(self, grid, people, person=0):
+        self.grid = grid
+        person = check_index(person, "person", len(people), "people")
+        options = [(str(n), i) for i, n in enumerate(grid.counts)]
+        self.regions = widgets.SelectionSlider(options=options, description="regions")
+        options = [(str(n), i) for i, n in enumerate(grid.sizes)]
+        self.components = widgets.SelectionSlider(options=options, description="components")
+        options = [(name, i) for i, name in enumerate(people)]
+        self.person = widgets.Dropdown(options=options, value=person, description="tested on")
+        self._build_messages()
+        self._bars = widgets.HTML()
+        controls = (self.regions, self.components, self.person)
+        for control in controls:
+            control.observe(self._changed, names="value")
+        self.widget = widgets.VBox([*controls, self._bars, self._status, self._message])
+        self._changed(None)
+
+    def _changed(self, _):
+        i, j, k = self.regions.value, self.components.value, self.person.value
+        grid = self.grid
+        count, size = grid.counts[i], grid.sizes[j]
+        self.errors = {
+            f"{count} regions, {size} components each": float(grid.region[i, j, k]),
+            f"whole face, {size} components": float(grid.holistic[j, k]),
+            f"whole face, {count * size} components": float(grid.as_many[i, j, k]),
+        }
+        longest = max(grid.region[..., k].max(), grid.holistic[:, k].max())
+        row = (
+            '<div style="display:flex;align-items:center"><span style="width:17em">{}</span>'
+            '<span style="background:{};height:1em;width:{}px"></span>&nbsp;{} mm</div>'
+        )
+        self._bars.value = "".join(
+            markup(row, name, color, f"{300 * mm / longest:.0f}", f"{mm:.3f}")
+            for (name, mm), color in zip(self.errors.items(), _COLORS, strict=True)
+        )
+        self.say(f"{count * size} parameters in all; stored and reckoned with as {size} are.")
