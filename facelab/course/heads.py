@@ -56,8 +56,15 @@ def rms_by_name(pair, take):
         Of the rig that is translated from.
     """
     with warnings.catch_warnings(action="ignore"):  # that few names agree is what is shown
-        theirs, named = (rig.rig_weights(take) for rig in (pair.rig, pair.other))
+        theirs, named = (_driven(rig, take) for rig in (pair.rig, pair.other))
     return float(np.sqrt((pair.difference(theirs, named)[take.valid] ** 2).mean()))
+
+
+def _driven(rig, take):
+    """A take's weights by name; zeros for a rig that no name drives."""
+    if rig.match(take).driven:
+        return rig.rig_weights(take)
+    return np.zeros((take.n_frames, len(rig.names)))
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ def faults_of_cells(code):
     for cell, n in zip(code, lengths, strict=True):
         if n > 12:
             yield f"cell {cell.id} of {n} lines, more than 12"
-        if any(len(line) > 110 for line in lines(cell)):
-            yield f"cell {cell.id} has a line of more than 110 letters"
+        if any(len(line) > 125 for line in lines(cell)):
+            yield f"cell {cell.id} has a line of more than 125 letters"
         if re.search(r"^\s*assert ", cell.source, re.M):
             yield f"cell {cell.id} asserts: claim it through the lesson"
 
