@@ -84,11 +84,12 @@ unit: env
 	@$(UNIT) $(FIRST_HALF) & first=$$!; $(UNIT) $(SECOND_HALF); second=$$?; \
 	wait $$first && exit $$second
 
-# Each notebook from top to bottom, its exercises solved and failed; `-k NAME` is one of them.
-READ := $(BIN)/python -m pytest -p no:cacheprovider tests/notebooks/test_run.py -m "not long" -k
+# Each notebook from top to bottom; `make test-all` also answers its exercises and changes its settings.
+NBVAL := $(BIN)/python -m pytest --nbval-lax -p no:cacheprovider --nbval-cell-timeout=600
+TWO_AT_A_TIME := xargs -P 2 -n 1
 
-test-notebooks: env data  # two at a time, the longest first
-	@ls -S $(NOTEBOOKS) | xargs -n 1 basename -s .ipynb | xargs -P 2 -n 1 $(READ)
+test-notebooks: env data  # the longest first
+	@ls -S $(NOTEBOOKS) | $(TWO_AT_A_TIME) $(NBVAL)
 
 browser: env
 	$(BIN)/python tests/browser/get_browser.py
@@ -101,17 +102,19 @@ test-all: test-long test-bare
 	@echo "facelab: make test-all passed"
 
 test-long: env data browser
-	$(BIN)/python -m pytest tests -m long
+	$(BIN)/python -m pytest tests -m long --ignore=tests/notebooks
+	@basename -s .ipynb $(NOTEBOOKS) | $(TWO_AT_A_TIME) $(BIN)/python -m pytest tests/notebooks -k
 
 # As on a machine without data and network, with nothing made before.
 BARE := env -u FACELAB_ICT -u FACELAB_CAPTURES -u FACELAB_ANIMFACE -u FACELAB_AURA FACELAB_OFFLINE=1
-BARE_NOTEBOOKS := "05_posing or 07_sketch_to_action_units or 08_your_own_face"
+BARE_NOTEBOOKS := $(addprefix notebooks/,05_posing.ipynb 07_sketch_to_action_units.ipynb \
+	08_your_own_face.ipynb)
 
 test-bare: env browser
 	@FACELAB_CACHE=$$(mktemp -d) && export FACELAB_CACHE && \
 	trap 'rm -rf "$$FACELAB_CACHE"' EXIT && trap 'exit 1' INT TERM && set -x && \
 	$(BARE) $(BIN)/python -m facelab.data && \
-	$(BARE) $(READ) $(BARE_NOTEBOOKS) && \
+	$(BARE) $(NBVAL) $(BARE_NOTEBOOKS) && \
 	$(BARE) $(BIN)/python -m pytest -m "not long" tests/browser
 
 soak: env

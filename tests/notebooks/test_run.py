@@ -24,6 +24,7 @@ OTHERS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NOTEBOOKS)
 def test_a_notebook_runs_and_its_exercises_tell_right_from_wrong(name):
     run(name, exercises=plan(name).EXERCISES if plan(name) else ())
