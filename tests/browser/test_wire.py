@@ -107,7 +107,12 @@ class Puller:
         mouse.up()
         late, sent = (np.array(page.evaluate(name)) for name in ("late", "sent"))
         self.lab.settle()
-        return *self._seen(kind, canvas), late, sent
+        drawn, pose = self._seen(kind, canvas)
+        view = "sketch.sketch_view" if kind == "expression" else "view"
+        sent_last = np.array(self.lab.run("", v=f"{view}.vertices.tolist()")["v"])
+        # which is the pose, but for lids that are held off the eyes
+        assert np.abs(drawn - sent_last).max() < 0.001, "the page keeps what it drew itself"
+        return drawn, pose, late, sent
 
 
 @pytest.fixture(scope="module")
@@ -124,9 +129,8 @@ def puller(server):
 
 
 def check(puller, kind, seconds, delay, slow):
-    drawn, pose, late, sent = puller.pull(kind, seconds, delay)
+    _, pose, late, sent = puller.pull(kind, seconds, delay)
     assert np.abs(slow - pose).max() < 0.01, f"{seconds} s at {delay} s one way"
-    assert np.abs(drawn - pose).max() < 0.001
     within = [np.count_nonzero((sent >= t) & (sent < t + 1000)) for t in sent]
     assert max(within) <= 10, "more than 10 messages a second"
     return late
