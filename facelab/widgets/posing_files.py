@@ -45,9 +45,16 @@ class FilePanel(Panel):
         for each in (self.live_link, self.clip_live_link):
             each.layout.width = "82px"
             each.tooltip = "The rig's weights under ARKit's names, as Live Link Face records them"
+        self.with_props = widgets.Checkbox(
+            True,
+            description="eyes and teeth",
+            indent=False,
+            tooltip="GLB files hold them as meshes of their own",
+            layout={"width": "auto"},
+        )
         rows = {
             "pose": [self.save, self.load, self.live_link],
-            "mesh": [self.obj, self.ply, self.glb],
+            "mesh": [self.obj, self.ply, self.glb, self.with_props],
             "clip": [self.save_clip, self.load_clip, self.clip_glb, self.clip_live_link],
         }
         self._result = widgets.HTML()
@@ -84,13 +91,17 @@ class FilePanel(Panel):
     def _press(self, button):
         session, clip = self.session, self.lab.clip
         posed = session.neutral.with_vertices(session.vertices)
+        props = self.lab.props if self.with_props.value else ()
         write = {
             self.save: (".json", lambda path: save_pose(path, session)),
             self.obj: (".obj", lambda path: write_obj(path, posed)),
             self.ply: (".ply", lambda path: write_ply(path, posed)),
-            self.glb: (".glb", lambda path: write_glb(path, posed)),
+            self.glb: (".glb", lambda path: write_glb(path, posed, props=props)),
             self.save_clip: (".clip.json", lambda path: save_clip(path, self._clip(), session)),
-            self.clip_glb: (".clip.glb", lambda path: write_clip_glb(path, self._clip(), session)),
+            self.clip_glb: (
+                ".clip.glb",
+                lambda path: write_clip_glb(path, self._clip(), session, props),
+            ),
             self.live_link: (".livelink.csv", lambda path: self._weights(path, clip=False)),
             self.clip_live_link: (
                 ".clip.livelink.csv",
@@ -112,7 +123,7 @@ class FilePanel(Panel):
         else:
             path = self._path(".clip.json")
             clip.set_clip(load_clip(path, session))
-            self._result.value = markup("Loaded <b>{}</b>: see the tab Clip.", path.name)
+            self._result.value = markup("Loaded <b>{}</b>: see the tab Time.", path.name)
 
     def _weights(self, path, clip):
         """Write the weights of the pose, or of the clip, as Live Link Face records them."""
@@ -124,7 +135,7 @@ class FilePanel(Panel):
 
     def _clip(self):
         if self.lab.clip.clip is None:
-            raise ValueError("there is no clip yet; set key poses in the tab Clip first.")
+            raise ValueError("there is no clip yet; set key poses in the tab Time first.")
         if self.lab.clip.model is not self.session.model:
             raise ValueError(OTHER_MODEL)
         return self.lab.clip.clip
