@@ -64,7 +64,8 @@ def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=None, sh
     vertices : ndarray of shape (n_vertices, 3), optional
         Positions to draw instead of the mesh's own, millimetres.
     colors : ndarray of shape (n_vertices, 3) or str, optional
-        Colour of each vertex, 0 to 1, or one for all; skin if left out.
+        Colour of each vertex, 0 to 1, or one for all; if left out the mesh's texture, sampled at
+        its vertices, or skin.
     view : {"front", "left", "right", "profile"} or (float, float)
         Or azimuth towards the person's left and elevation, degrees.
     props : iterable of `Prop` or (TriangleMesh, colors), optional
@@ -90,13 +91,20 @@ def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=None, sh
     axes = np.stack([right, np.cross(ahead, right), ahead])
     props = face_props(mesh) if props is None else list(props)
     V = lids_off(props, V)
-    parts = [(V, mesh.faces, skin_colors(mesh, SKIN, props) if colors is None else colors, 0.0)]
+    colors = _own_colors(mesh, props) if colors is None else colors
+    parts = [(V, mesh.faces, colors, 0.0)]
     lining = Lining(mesh)
     if len(lining.faces):
         parts.append((lining.vertices(V), lining.faces, lining.colors, 0.0))
     parts += [(followed(prop, V), *_drawn(prop)) for prop in props]
     _show(ax, parts, axes, shade)
     return lambda points: np.atleast_2d(points) @ axes[:2].T
+
+
+def _own_colors(mesh, props):
+    if mesh.texture is None:
+        return skin_colors(mesh, SKIN, props)
+    return mesh.texture.at_vertices(mesh.faces, mesh.n_vertices, to_rgb(SKIN))
 
 
 def _drawn(prop):

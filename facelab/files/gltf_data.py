@@ -146,7 +146,7 @@ class GltfData:
             elif uri is None:
                 raise ValueError(f"{self.path}: {item.place} has no data; export the file again.")
             else:
-                data = self._from_uri(item, uri)
+                data = self.from_uri(item, uri)
             if len(data) < length:
                 raise ValueError(
                     f"{self.path}: {item.at('byteLength')} is {length}, but its data end after "
@@ -155,7 +155,8 @@ class GltfData:
             self._buffers[index] = memoryview(data)[:length]
         return self._buffers[index]
 
-    def _from_uri(self, item, uri):
+    def from_uri(self, item, uri, most=None):
+        """Bytes of a data URI, or of a file (of at most so many bytes) beside this one."""
         if uri.startswith("data:"):
             head, comma, body = uri.partition(",")
             if not comma or not head.endswith(";base64"):
@@ -174,7 +175,13 @@ class GltfData:
                 f"{self.path}: {item.at('uri')} is {uri[:80]!r}; data are only read from the "
                 "folder of the file and those in it. Put the file there."
             )
-        return existing_file(other, f"file of data ({item.place} of {self.path})").read_bytes()
+        other = existing_file(other, f"file of data ({item.place} of {self.path})")
+        if most is not None and other.stat().st_size > most:
+            raise ValueError(
+                f"{self.path}: {item.at('uri')} names a file of {other.stat().st_size / 1e6:,.0f} "
+                f"MB, but {most / 1e6:,.0f} MB is the most that is read; make it smaller."
+            )
+        return other.read_bytes()
 
     def view(self, index):
         """The bytes of a buffer view, unpacked, and its stride (0: packed tightly)."""

@@ -11,7 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from facelab.files.gltf_data import GltfData
+from facelab.files.gltf_texture import texture_of
 from facelab.files.parts import LONGEST, MeshFile, check_coordinates
+from facelab.geometry.texture import Texture
 
 _SEMANTICS = ("POSITION", "NORMAL", "TANGENT", "TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_", "_")
 _PRIMITIVE = ("attributes", "indices", "material", "mode", "targets")
@@ -36,6 +38,8 @@ class GltfPart:
         What turned the file's displacements into these.
     start : dict of int to int
         First vertex of each primitive; those that share their vertices share it.
+    texture : Texture or None
+        If it was asked for, and the file has one.
     """
 
     name: str
@@ -45,6 +49,7 @@ class GltfPart:
     deltas: np.ndarray
     linear: np.ndarray
     start: dict = field(default_factory=dict)
+    texture: Texture | None = None
 
 
 class GltfScene:
@@ -239,8 +244,8 @@ class GltfScene:
 
     # --- parts ------------------------------------------------------------------------------------
 
-    def part(self, k, shapes=False):
-        """Part k as a `GltfPart`, with its morph targets if `shapes` is True.
+    def part(self, k, shapes=False, texture=False):
+        """Part k as a `GltfPart`, with its morph targets and texture if they are asked for.
 
         Raises
         ------
@@ -267,6 +272,7 @@ class GltfScene:
             self._faces(primitives[i], begin, count, packed)
             for i, (begin, count, packed) in start.items()
         ]
+        picture = self._texture(primitives, start, faces) if texture else None
         names = self._target_names(item, primitives)
         data.need(200 * n + 24 * sum(map(len, faces)), f"{self.names[k]!r}")
         V = np.vstack([own["V"] for own in kept]).astype(float)
@@ -284,11 +290,18 @@ class GltfScene:
         F = np.vstack(faces)
         if sides.flat[0] < 0:
             F = F[:, ::-1]
+            if picture is not None:
+                picture = Texture(picture.image, picture.uv[:, ::-1])
         deltas = np.empty((0, len(V), 3), np.float32)
         if shapes and names:
             deltas = self._deltas(kept, len(names), len(V), linear, self.names[k])
         begins = {i: begin for i, (begin, _, _) in start.items()}
-        return GltfPart(self.names[k], V, F, names, deltas, linear, begins)
+        return GltfPart(self.names[k], V, F, names, deltas, linear, begins, picture)
+
+    def _texture(self, primitives, start, faces):
+        own = [F - begin for F, (begin, _, _) in zip(faces, start.values(), strict=True)]
+        packed = [packed for _, _, packed in start.values()]
+        return texture_of(self.data, [primitives[i] for i in start], own, packed)
 
     def _vertices(self, primitive, packed, shapes):
         """Positions, joints and targets of one primitive, as the file has them."""
@@ -467,7 +480,7 @@ def read_gltf_file(path, mesh=None):
     """
     scene = GltfScene(path)
     chosen = range(len(scene.names)) if mesh is None else [scene.find(mesh)]
-    parts = [scene.part(k) for k in chosen]
+    parts = [scene.part(k, texture=len(chosen) == 1) for k in chosen]
     shapes = [f"{scene.n_targets(k)} of {scene.names[k]!r}" for k in chosen if scene.n_targets(k)]
     if shapes:
         warnings.warn(
@@ -483,4 +496,5 @@ def read_gltf_file(path, mesh=None):
         np.vstack([p.faces + s for p, s in zip(parts, start, strict=False)]),
         {p.name: np.arange(faces[k], faces[k + 1]) for k, p in enumerate(parts)},
         {p.name: np.arange(start[k], start[k + 1]) for k, p in enumerate(parts)},
+        parts[0].texture,  # of one part alone
     )

@@ -46,7 +46,8 @@ def read_mesh(path, mesh=None, scale=None, bad_faces="refuse"):
     -------
     TriangleMesh
         Millimetres. Vertices at the same place are not joined: the loose triangles of an STL, or
-        the two sides of a seam in GLB and PLY; `mesh.welded()` joins them.
+        the two sides of a seam in GLB and PLY; `mesh.welded()` joins them. `texture` is the
+        picture of base colours where one part of a GLB, glTF or VRM file is read.
 
     Raises
     ------

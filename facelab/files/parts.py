@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from facelab.geometry.mesh import TriangleMesh
+from facelab.geometry.texture import Texture
 
 LONGEST = 1e12  # a length beyond it is damage, in any unit, and would overflow when squared
 
@@ -25,6 +26,7 @@ class MeshFile:
         Faces of each named part; parts may overlap, as groups of OBJ files do.
     owned : dict of str to ndarray of int, optional
         Vertices of each part; those of its faces if left out.
+    texture : Texture, optional
     """
 
     path: Path
@@ -32,17 +34,20 @@ class MeshFile:
     faces: np.ndarray
     parts: dict = field(default_factory=dict)
     owned: dict = field(default_factory=dict)
+    texture: Texture | None = None
 
     def whole(self, scale=1.0):
         """All of it as one TriangleMesh, lengths multiplied by `scale`."""
-        return self._mesh(self.vertices * scale, self.faces)
+        return self._mesh(self.vertices * scale, self.faces, self.texture)
 
     def part(self, name, scale=1.0):
         """One part as a TriangleMesh, its vertices in the order of the file."""
         kept = self.vertices_of(name)
         new = np.full(len(self.vertices), -1)
         new[kept] = np.arange(len(kept))
-        return self._mesh(self.vertices[kept] * scale, new[self.faces[self.parts[name]]])
+        own = self.parts[name]
+        texture = None if self.texture is None else self.texture.on(own)
+        return self._mesh(self.vertices[kept] * scale, new[self.faces[own]], texture)
 
     def vertices_of(self, name):
         """Indices of a part's vertices, ascending.
@@ -65,9 +70,9 @@ class MeshFile:
         sizes = [f"{n!r} ({len(self.vertices_of(n))} vertices)" for n in self.parts]
         return f"its parts are {', '.join(sizes[:20])}{', ...' * (len(sizes) > 20)}"
 
-    def _mesh(self, vertices, faces):
+    def _mesh(self, vertices, faces, texture):
         try:
-            return TriangleMesh(vertices, faces)
+            return TriangleMesh(vertices, faces, texture=texture)
         except ValueError as error:  # ours, from the one place that checks a mesh
             raise ValueError(f"{self.path}: {error}") from None
 

@@ -3,6 +3,7 @@
 import re
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from facelab.files.meshes import check_kind, unit_of
 from facelab.files.obj import read_obj_file, read_obj_rows
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size, face_scale, longest_side
-from facelab.geometry.welding import alike, rejoined, same_place
+from facelab.geometry.welding import alike, same_place, shrunk
 from facelab.rig import BlendshapeRig, RigSource
 from facelab.storage import load_npz, save_npz
 
@@ -54,7 +55,8 @@ def read_rig(path, mesh=None, scale=None, neutral=None):
     -------
     BlendshapeRig
         Millimetres. Names as in the file; `parts` are the other meshes of the file (eyes, teeth),
-        `source` tells where all came from.
+        `source` tells where all came from, `neutral.texture` is the picture of base colours of
+        GLB, glTF and VRM (PNG or JPEG); that of OBJ files is not read.
 
     Raises
     ------
@@ -110,7 +112,7 @@ def _from_gltf(path, mesh, scale):
             else f"{scene.path}: mesh={mesh!r} has no morph targets; those with some are "
             f"{', '.join(map(repr, shaped))}."
         )
-    parts = [scene.part(k, shapes=True) for k in range(len(scene.names))]
+    parts = [scene.part(k, shapes=True, texture=True) for k in range(len(scene.names))]
     names = [_distinct(scene.path, part) for part in parts]
     if chosen is None:
         chosen = max(range(len(parts)), key=lambda k: _facial(names[k], parts[k].deltas))
@@ -119,9 +121,9 @@ def _from_gltf(path, mesh, scale):
     others = {}
     for k, part in enumerate(parts):
         if k != chosen:
-            rest, deltas, _, _ = _welded(scene.path, part.vertices, part.faces, part.deltas, scale)
+            rest, deltas, _, _ = _welded(scene.path, part, scale)
             others[part.name] = BlendshapeRig(rest, names[k], deltas) if names[k] else rest
-    rest, deltas, index, apart = _welded(scene.path, head.vertices, head.faces, head.deltas, scale)
+    rest, deltas, index, apart = _welded(scene.path, head, scale)
     source = RigSource(str(path), head.name, index, scale, apart)
     return BlendshapeRig(rest, names[chosen], deltas, {}, others, source)
 
@@ -187,7 +189,8 @@ def _from_folder(folder, mesh, scale, neutral):
             )
         deltas[k] = shape[kept] - V
     scale = _unit(folder, V, deltas, unit_of(".obj"), scale)
-    rest_mesh, deltas, index, apart = _welded(folder, V, F, deltas, scale)
+    read = SimpleNamespace(vertices=V, faces=F, deltas=deltas, texture=None)
+    rest_mesh, deltas, index, apart = _welded(folder, read, scale)
     source = RigSource(str(folder / f"{rest}.obj"), mesh or rest, index, scale, apart)
     return BlendshapeRig(rest_mesh, list(files), deltas, source=source)
 
@@ -309,7 +312,7 @@ def _unit(path, V, deltas, declared, scale):
     return found
 
 
-def _welded(path, V, F, deltas, scale):
+def _welded(path, part, scale):
     """The mesh and its shapes in millimetres, seams closed.
 
     Returns
@@ -317,17 +320,19 @@ def _welded(path, V, F, deltas, scale):
     mesh : TriangleMesh
     deltas : ndarray of float32
     index : ndarray of int
-        Vertex of the mesh for each one of `V`.
+        Vertex of the mesh for each one of the part.
     apart : int
         Vertices at the place of another one that move otherwise.
     """
-    V, deltas = V * scale, deltas * np.float32(scale)
+    V, deltas = part.vertices * scale, part.deltas * np.float32(scale)
     place = same_place(V, _PLACE)
     index = alike(place, deltas, _SAME)
     kept = np.unique(index, return_index=True)[1]
     apart = len(kept) - int(place.max()) - 1
     try:
-        mesh = TriangleMesh(V[kept], rejoined(F, index))
+        gone = shrunk(part.faces, index)
+        texture = None if part.texture is None else part.texture.on(~gone)
+        mesh = TriangleMesh(V[kept], index[part.faces[~gone]], texture=texture)
     except ValueError as error:  # ours, from the one place that checks a mesh
         raise ValueError(f"{path}: {error}") from None
     return mesh, deltas[:, kept], index, apart

@@ -22,6 +22,7 @@ from facelab.geometry.symmetry import (
     other_side,
     symmetrised,
 )
+from facelab.geometry.texture import Texture
 
 __all__ = [
     "MULTI_PIE",
@@ -30,6 +31,7 @@ __all__ = [
     "LaplacianDeformer",
     "LinearBinding",
     "SurfaceBinding",
+    "Texture",
     "TriangleMesh",
     "bind_to_samples",
     "bind_to_surface",

@@ -11,7 +11,8 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from facelab.checks import as_finite, as_indices, check_choice, check_index, check_number
-from facelab.geometry.welding import rejoined, same_place
+from facelab.geometry.texture import Texture
+from facelab.geometry.welding import same_place, shrunk
 
 MULTI_PIE = (
     *(f"jaw_right_{i}" for i in range(1, 9)),
@@ -49,6 +50,8 @@ class TriangleMesh:
         Vertex indices, counter-clockwise seen from outside.
     landmarks : dict of str to int, optional
         Named vertices; the 68 facial ones are called as in `MULTI_PIE`.
+    texture : Texture, optional
+        Its base colours.
 
     Raises
     ------
@@ -68,6 +71,7 @@ class TriangleMesh:
     vertices: np.ndarray
     faces: np.ndarray
     landmarks: dict = field(default_factory=dict)
+    texture: Texture | None = None
 
     def __post_init__(self):
         V = as_finite(self.vertices, "vertices", ("n_vertices", 3))
@@ -93,6 +97,11 @@ class TriangleMesh:
             raise ValueError(
                 f"faces[{twice[0]}] = {F[twice[0]].tolist()} uses a vertex twice; remove it."
             )
+        if self.texture is not None and len(self.texture.uv) != len(F):
+            raise ValueError(
+                f"texture has {len(self.texture.uv)} faces, but the mesh {len(F)}; give one of the "
+                "same faces."
+            )
         landmarks = {
             name: check_index(vertex, f"landmarks[{name!r}]", len(V), "vertices")
             for name, vertex in self.landmarks.items()
@@ -112,9 +121,9 @@ class TriangleMesh:
         return len(self.vertices)
 
     def with_vertices(self, vertices):
-        """The same faces and landmarks on other positions, shape (n_vertices, 3), millimetres."""
+        """The same faces, landmarks and texture on other positions, (n_vertices, 3), mm."""
         vertices = as_finite(vertices, "vertices", self.vertices.shape)
-        moved = TriangleMesh(vertices, self.faces, self.landmarks)
+        moved = TriangleMesh(vertices, self.faces, self.landmarks, self.texture)
         if "edges" in self.__dict__:  # what only the faces decide is carried over
             moved.__dict__["edges"] = self.edges
         return moved
@@ -241,7 +250,8 @@ class TriangleMesh:
         Returns
         -------
         TriangleMesh
-            With the faces whose three vertices are kept, and the landmarks that are.
+            With the faces whose three vertices are kept, their texture, and the landmarks that
+            are kept.
 
         Raises
         ------
@@ -261,7 +271,9 @@ class TriangleMesh:
         new[keep] = np.arange(len(keep))
         faces = new[self.faces]
         landmarks = {k: int(new[v]) for k, v in self.landmarks.items() if new[v] >= 0}
-        return TriangleMesh(self.vertices[keep], faces[(faces >= 0).all(axis=1)], landmarks)
+        whole = (faces >= 0).all(axis=1)
+        texture = None if self.texture is None else self.texture.on(whole)
+        return TriangleMesh(self.vertices[keep], faces[whole], landmarks, texture)
 
     def welded(self, tolerance=0.0):
         """The mesh with vertices at the same place joined, and where each vertex went.
@@ -278,7 +290,8 @@ class TriangleMesh:
         Returns
         -------
         mesh : TriangleMesh
-            Its vertices in the order in which they first stand in this one, landmarks kept.
+            Its vertices in the order in which they first stand in this one; landmarks and texture
+            are kept.
         index : ndarray of int, shape (n_vertices,)
             Vertex of the new mesh for each one of this: `mesh.vertices[index]` is as before.
 
@@ -297,9 +310,11 @@ class TriangleMesh:
         tolerance = check_number(tolerance, "tolerance", low=0)
         index = same_place(self.vertices, tolerance)
         kept = np.unique(index, return_index=True)[1]
-        faces = rejoined(self.faces, index)
+        gone = shrunk(self.faces, index)
+        texture = None if self.texture is None else self.texture.on(~gone)
         landmarks = {name: int(index[v]) for name, v in self.landmarks.items()}
-        return TriangleMesh(self.vertices[kept], faces, landmarks), index
+        mesh = TriangleMesh(self.vertices[kept], index[self.faces[~gone]], landmarks, texture)
+        return mesh, index
 
     def laplacian(self, weights="uniform", normalised=True):
         """The Laplacian of the mesh.

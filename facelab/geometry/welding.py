@@ -90,5 +90,10 @@ def alike(place, shapes, tolerance):
 
 def rejoined(faces, index):
     """Triangles after vertices were joined, without those that shrank to a line or a point."""
+    return index[faces[~shrunk(faces, index)]]
+
+
+def shrunk(faces, index):
+    """Whether each triangle shrank to a line or a point when vertices were joined: bool."""
     faces = index[faces]
-    return faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    return (faces == np.roll(faces, 1, axis=1)).any(axis=1)

@@ -121,7 +121,7 @@ class LandmarkPicker(Page):
     def mesh(self):
         """The face with the landmarks that are set: TriangleMesh."""
         marks = {**self._face.landmarks, **self.landmarks}
-        return TriangleMesh(self._face.vertices, self._face.faces, marks)
+        return TriangleMesh(self._face.vertices, self._face.faces, marks, self._face.texture)
 
     # --- what a hand does -------------------------------------------------------------------------
 

@@ -61,4 +61,10 @@ def _shown(rig, still):
     """The parts of the file; for a face that has none, eyes and teeth made for it."""
     if not still:
         return face_props(rig.neutral, rig)
-    return [(mesh, np.tile(_PART, (mesh.n_vertices, 1))) for mesh in still]
+    return [(mesh, _colors(mesh)) for mesh in still]
+
+
+def _colors(mesh):
+    if mesh.texture is None:
+        return np.tile(_PART, (mesh.n_vertices, 1))
+    return mesh.texture.at_vertices(mesh.faces, mesh.n_vertices, _PART)

@@ -37,7 +37,9 @@ _PAINTS = {
     "regions": "regions",
     "gaps before blending": "gaps",
     "how far from training": "plausibility",
+    "wireframe": "wireframe",
 }
+_LOOKS = "skin", "texture", "wireframe"
 
 
 class PosingLab(Lab):
@@ -213,7 +215,8 @@ class PosingLab(Lab):
             options=list(self.models), value=self._model_name(), style={"button_width": "auto"}
         )
         self.beside = _half([_NOTHING], "compare", "The answer of another model to the same pins")
-        self.paint = _half(_PAINTS, "colour", "What the colours of the face say")
+        paints = _PAINTS if self.mesh.texture is None else {**_PAINTS, "texture": "texture"}
+        self.paint = _half(paints, "colour", "What the colours of the face say")
         self.ghost = toggle("Ghost", "The pose before the last step, pale, with the present one")
         self._buttons = {
             text: button(text, tip, self._press_button)
@@ -387,13 +390,14 @@ class PosingLab(Lab):
     def _color(self):
         for view, session in self._answers:
             view.paint(self._colors_of(session))
+            view.look = self.paint.value if self.paint.value in _LOOKS else "skin"
 
     def _colors_of(self, session):
         """Colours of the face, shape (n_vertices, 3), or None for skin."""
         labels = session.region_labels
         if self.paint.value == "gaps":
             return shade("PuBuGn", session.gaps() / _GAP_SHOWN)
-        if self.paint.value == "skin" or labels is None:
+        if self.paint.value in _LOOKS or labels is None:
             return None
         if self.paint.value == "regions":
             return region_colors(session.regions)[labels]

@@ -15,12 +15,14 @@ import pythreejs as three
 import scipy.sparse as sp
 from matplotlib.colors import to_hex, to_rgb
 
+from facelab.checks import check_choice
 from facelab.geometry.mesh import normals_operator, vertex_normals_by
 from facelab.looks import Lining
 from facelab.looks.light import FILL, KEY, RIM, STRENGTHS
 from facelab.plotting import SKIN
 from facelab.widgets.hand import Hand, packed_riders
 from facelab.widgets.props import PropMeshes
+from facelab.widgets.skin import picture_of, seam_doubles
 
 _GHOST = "#2f6fd0"
 _TARGET = (1.0, 0.85, 0.0)
@@ -57,6 +59,8 @@ class FaceView:
         nothing. Set them before the view is shown.
     lids_off : bool
         Whether lids that would cut an eye are shown outside of it.
+    look : {"skin", "texture", "wireframe"}
+        What the face is drawn with: its colours, the picture of its mesh's `texture`, or edges.
 
     Raises
     ------
@@ -79,10 +83,12 @@ class FaceView:
         self._V, self._N = mesh.vertices, None
         self._middle = (self._V.min(axis=0) + self._V.max(axis=0)) / 2
         self._lining = Lining(mesh)
+        self._doubles, self._pictured, self._uv = seam_doubles(mesh)
         self._operator = normals_operator(mesh.faces, mesh.n_vertices)
         self._proportions = width / height
         self._build_face()
-        self._ghost = None  # made when it is first wanted
+        self._ghost = self._textured = None  # made when they are first wanted
+        self._look = "skin"
         self._reserve_points(0)
         self._props = PropMeshes(props)
         if linked_to is None:
@@ -111,7 +117,7 @@ class FaceView:
     # --- scene ------------------------------------------------------------------------------------
 
     def _build_face(self):
-        """The face, and in the same buffers its lining."""
+        """The face, and in the same buffers its lining and the doubles at its texture's seams."""
         self._n = self.mesh.n_vertices
         attribute = three.BufferAttribute
         self._position = attribute(self._lined(self._V))
@@ -126,13 +132,30 @@ class FaceView:
                 "index": attribute(faces.ravel().astype(np.uint32), normalized=False),
             },
         )
-        material = three.MeshStandardMaterial(
-            roughness=0.55,
-            metalness=0.0,
-            side="DoubleSide",
-            vertexColors="VertexColors",
+        self._face = three.Mesh(geometry, _material(vertexColors="VertexColors"))
+
+    def _build_textured(self):
+        """The face as triangles of its picture, and all others; both read the face's buffers."""
+        before, after = np.split(self._uv, [self._n])
+        between = len(self._lining.colors)  # the lining lies between face and doubles
+        uv = np.vstack([before, np.zeros((between, 2)), after])
+        pictured = self._pictured + between * (self._pictured >= self._n)
+        plain = np.vstack(
+            [self.mesh.faces[~self.mesh.texture.painted], self._lining.faces + self._n]
         )
-        self._face = three.Mesh(geometry, material)
+        meshes = []
+        shared = {"position": self._position, "normal": self._normal, "color": self._color}
+        shared["uv"] = three.BufferAttribute(_f32(uv))
+        for faces, material in (
+            (pictured, _material(map=picture_of(self.mesh.texture))),
+            (plain, _material(vertexColors="VertexColors")),
+        ):
+            if len(faces):
+                index = three.BufferAttribute(faces.ravel().astype(np.uint32), normalized=False)
+                geometry = three.BufferGeometry(attributes={**shared, "index": index})
+                meshes.append(three.Mesh(geometry, material, frustumCulled=False))
+        self._textured = three.Group(children=meshes)
+        self._head.children = [*self._head.children, self._textured]
 
     def _reserve_points(self, n_points):
         self._points = three.BufferAttribute(np.zeros((max(n_points, 1), 3), np.float32))
@@ -209,7 +232,7 @@ class FaceView:
         )
 
     def _riders(self):
-        """How the lining rides on the face: E and e of E @ V + e, (n_lining, n_vertices) sparse."""
+        """How lining and doubles ride on the face: E and e of E @ V + e, (n, n_vertices) sparse."""
         V, rim = np.zeros_like(self._V), self._lining.rim
         still = self._lining.vertices(V)
         columns = np.zeros((len(still), len(rim)))
@@ -217,9 +240,12 @@ class FaceView:
             V[vertex, 0] = 1
             columns[:, k] = (self._lining.vertices(V) - still)[:, 0]
             V[vertex, 0] = 0
-        rows, at = np.nonzero(columns)
+        lining = sp.csr_array(columns)
         shape = len(still), self._n
-        return sp.csr_array((columns[rows, at], (rows, rim[at])), shape=shape), still
+        E = sp.csr_array((lining.data, rim[lining.indices], lining.indptr), shape)
+        n = len(self._doubles)
+        same = sp.csr_array((np.ones(n), (np.arange(n), self._doubles)), (n, self._n))
+        return sp.vstack([E, same], format="csr"), np.vstack([still, np.zeros((n, 3))])
 
     @property
     def on_hover(self):
@@ -332,10 +358,10 @@ class FaceView:
         return _f32(vertex_normals_by(self._operator, V, self.mesh.faces))
 
     def _with_lining(self, per_vertex, per_lining):
-        return _f32(np.vstack([per_vertex, per_lining]))
+        return _f32(np.vstack([per_vertex, per_lining, per_vertex[self._doubles]]))
 
     def _lined(self, V):
-        """Positions of the face and of its lining below."""
+        """Positions of the face, and of what rides on it."""
         return self._with_lining(V, self._lining.vertices(V))
 
     def _skin(self, colors=None):
@@ -434,6 +460,26 @@ class FaceView:
         self._camera.position = (away * direction / np.linalg.norm(direction)).tolist()
         self._orbit.exec_three_obj_method("update")  # turns it towards the face
 
+    @property
+    def look(self):
+        """What the face is drawn with: "skin", "texture" or "wireframe"."""
+        return self._look
+
+    @look.setter
+    def look(self, look):
+        check_choice(look, "look", ("skin", "texture", "wireframe"))
+        if look == "texture" and not len(self._pictured):
+            raise ValueError(
+                'look="texture", but the face has none; read one from a GLB, glTF or VRM file.'
+            )
+        if look == "texture" and self._textured is None:
+            self._build_textured()
+        self._look = look
+        self._face.material.wireframe = look == "wireframe"
+        self._face.visible = look != "texture"
+        if self._textured is not None:
+            self._textured.visible = look == "texture"
+
     def resize(self, width, height):
         """Give the canvas another size, pixels; the proportions stay as they are."""
         self._hand.size = [width, height]
@@ -473,6 +519,10 @@ class FaceView:
         right = np.cross([0, 1, 0], back)
         right /= np.linalg.norm(right)
         return np.stack([right, np.cross(back, right), back])
+
+
+def _material(**options):
+    return three.MeshStandardMaterial(roughness=0.55, metalness=0.0, side="DoubleSide", **options)
 
 
 def _disc(size=32):

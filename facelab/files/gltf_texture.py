@@ -1,0 +1,146 @@
+"""The base-colour picture of a glTF mesh, and where its corners lie in it.
+
+A texture that cannot be read is left out with a warning; the mesh is read without.
+
+References
+----------
+Khronos Group, glTF 2.0 specification, sections 3.8 (textures) and 3.9 (materials);
+KHR_texture_transform.
+"""
+
+import io
+import warnings
+
+import numpy as np
+from PIL import Image
+
+from facelab.geometry.texture import Texture
+
+_MOST = 8192  # pixels along a side of a picture that is opened
+_KEPT = 2048  # and of what is kept of it
+_MOST_BYTES = 64 << 20
+_MODES = ("1", "L", "LA", "P", "RGB", "RGBA", "CMYK")
+
+
+def texture_of(data, primitives, faces, packed):
+    """The texture of a mesh, or None; of several pictures the one on most triangles.
+
+    Parameters
+    ----------
+    data : GltfData
+    primitives : list of Item
+    faces : list of ndarray of int, shape (n_faces, 3)
+        Triangles of each primitive, numbered from its own first vertex.
+    packed : list
+        Of each primitive, what `GltfData.draco` gives.
+
+    Returns
+    -------
+    Texture or None
+        Its faces are those of all primitives, one after the other.
+    """
+    try:
+        return _texture(data, primitives, faces, packed)
+    except (ValueError, FileNotFoundError) as error:  # ours, with file and place
+        warnings.warn(f"{error} The texture is left out.", stacklevel=4)
+        return None
+
+
+def _texture(data, primitives, faces, packed):
+    looks = [_look(data, primitive) for primitive in primitives]
+    on = {}
+    for look, F in zip(looks, faces, strict=True):
+        if look is not None:
+            on[look[0]] = on.get(look[0], 0) + len(F)
+    if not on:
+        return None
+    chosen = max(on, key=on.get)
+    others = len(on) - 1
+    uv, factor = [], [1.0, 1.0, 1.0]
+    for primitive, look, F, draco in zip(primitives, looks, faces, packed, strict=True):
+        if look is None or look[0] != chosen:
+            uv.append(np.full((len(F), 3, 2), np.nan, np.float32))
+            continue
+        _, place, material = look
+        factor = material.numbers("baseColorFactor", 4, [1.0] * 4)[:3]
+        uv.append(_places(data, primitive, place, draco)[F])
+    image = _image(data, chosen)
+    if factor != [1.0, 1.0, 1.0]:  # a factor of light, not of sRGB
+        scaled = image * np.clip(factor, 0, 1) ** (1 / 2.2)
+        image = np.round(scaled).astype(np.uint8)
+    if others:
+        warnings.warn(
+            f"{data.path}: the mesh has {others + 1} pictures of base colour; the one on most "
+            "triangles is kept, the others are left out.",
+            stacklevel=5,
+        )
+    return Texture(image, np.concatenate(uv))
+
+
+def _look(data, primitive):
+    """Picture, place of its coordinates and material of a primitive; None without a picture."""
+    if "material" not in primitive:
+        return None
+    materials, textures = data.json.items("materials"), data.json.items("textures")
+    material = materials[primitive.index("material", materials)].item("pbrMetallicRoughness")
+    if "baseColorTexture" not in material:
+        return None
+    place = material.item("baseColorTexture")
+    texture = textures[place.index("index", textures)]
+    return texture.index("source", data.json.items("images")), place, material
+
+
+def _places(data, primitive, place, draco):
+    """Texture coordinates of the vertices of a primitive, shape (n, 2)."""
+    attributes, accessors = primitive.item("attributes"), data.lists["accessors"]
+    moved = place.item("extensions").item("KHR_texture_transform")
+    semantic = f"TEXCOORD_{moved.whole('texCoord', place.whole('texCoord', 0), high=9)}"
+    count = data.count(attributes.index("POSITION", accessors))
+    if draco and semantic in draco[1]:
+        found = draco[0].get_attribute_by_unique_id(draco[1].whole(semantic))
+        uv = None if found is None else np.asarray(found["data"])
+    else:
+        uv = data.array(attributes.index(semantic, accessors), "VEC2")
+    if uv is None or uv.shape != (count, 2) or not (np.abs(uv) < 1e4).all():
+        raise ValueError(
+            f"{data.path}: {attributes.at(semantic)} does not hold two sound numbers for each of "
+            f"{count} vertices; export the file again."
+        )
+    if moved.value.get("rotation", 0) != 0:
+        raise moved.wrong("rotation", "0: textures that are turned are not read")
+    return uv * moved.numbers("scale", 2, [1.0, 1.0]) + moved.numbers("offset", 2, [0.0, 0.0])
+
+
+def _image(data, index):
+    """The picture, shape (height, width, 3), at most 2048 pixels wide or high."""
+    item = data.json.items("images")[index]
+    uri = item.text("uri")
+    if uri is not None:
+        stored = data.from_uri(item, uri, most=_MOST_BYTES)
+    else:
+        stored = bytes(data.view(item.index("bufferView", data.lists["bufferViews"]))[0])
+    where = f"{data.path}: {item.place}"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            picture = Image.open(io.BytesIO(stored), formats=("PNG", "JPEG"))
+            width, height = picture.size
+            if max(width, height) <= _MOST and picture.mode in _MODES:
+                picture.draft("RGB", (_KEPT, _KEPT))
+                picture.load()
+    except Image.DecompressionBombError:
+        raise ValueError(
+            f"{where} has more pixels than {_MOST} x {_MOST}; make it smaller."
+        ) from None
+    except Exception:  # Pillow has no one kind of its own
+        raise ValueError(f"{where} is no sound PNG or JPEG; export the file again.") from None
+    if max(width, height) > _MOST:
+        raise ValueError(
+            f"{where} has {width} x {height} pixels, but {_MOST} x {_MOST} is the most that is "
+            "opened; make it smaller."
+        )
+    if picture.mode not in _MODES:
+        raise ValueError(f"{where} has 16 bits for a colour; save it with 8.")
+    picture = picture.convert("RGB")
+    picture.thumbnail((_KEPT, _KEPT))
+    return np.asarray(picture)
