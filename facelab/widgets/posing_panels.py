@@ -15,6 +15,7 @@ from facelab.widgets.pins import PinPanel
 _PREFERRED = (1, 1.25, 1.6, 2, 2.5, 3.2, 4, 5, 6.3, 8)  # ten equal steps of a decade
 _LIMIT = 3.0  # standard deviations
 _MOLD = {"beta": 0.01, "gamma": 1.0}
+_STEP = 0.01  # of the sliders that mold
 _PLAIN = "#9aa5b1"
 _GAUGE = (
     (2, "#2c7fb8"),
@@ -145,7 +146,8 @@ class ShapePanel(Panel):
             for slider, (name, tip), value, (low, high) in zip(
                 self.sliders, said, values, ranges, strict=False
             ):
-                low, high = min(low, value), max(high, value)
+                # on the page's own grid, or it would round, and send that back as if it were an edit
+                value, low, high = _on_grid(value, low, high)
                 with slider.hold_sync():
                     slider.min, slider.max = min(low, slider.max), max(high, slider.min)
                     slider.min, slider.max, slider.value = low, high, value
@@ -192,7 +194,7 @@ class ShapePanel(Panel):
 
     def _new_slider(self, k):
         slider = widgets.FloatSlider(
-            step=0.05,
+            step=_STEP,
             readout_format=".2f",
             layout={"width": WIDTH, "flex": "0 0 auto"},
             style={"description_width": "46%"},
@@ -202,9 +204,8 @@ class ShapePanel(Panel):
 
     @shows_errors
     def _slide(self, k, change):
-        # the page rounds a value to its slider's grid and sends it back: that is no edit
-        rounded = abs(change["new"] - self.session.slider_values(self.region)[k]) <= 0.026
-        if not self.settling and not rounded:
+        shown = round(self.session.slider_values(self.region)[k], 2)
+        if not self.settling and abs(change["new"] - shown) > _STEP / 2:
             with self.session.group(f"mold {self.region} {k}"):
                 self.session.slide(self.region, k, change["new"])
 
@@ -232,6 +233,13 @@ class ShapePanel(Panel):
     @shows_errors
     def _reset(self, _):
         self.session.reset_region(self.region)
+
+
+def _on_grid(value, low, high):
+    """A value of a slider and its range, which holds it, in whole steps."""
+    value = round(float(value), 2)
+    low, high = np.floor(low / _STEP) * _STEP, np.ceil(high / _STEP) * _STEP
+    return value, min(round(low, 2), value), max(round(high, 2), value)
 
 
 def _scale(text, tip, low, high, first=()):

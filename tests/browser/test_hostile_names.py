@@ -34,7 +34,7 @@ def test_no_name_runs_as_script_in_the_page(hostile_page):
     lab, page = hostile_page, hostile_page.page
     page.locator(".facelab-unit").first.wait_for()
     for tab in ("Sliders", "Poses", "Time", "Steps", "Files", "Pins"):
-        page.get_by_role("tab", name=tab, exact=True).click()
+        page.get_by_role("tab", name=tab, exact=True).first.click()  # the posing lab's
         lab.settle()
     lab.run("lab.view.names = [test_page.hostile('vertex')] * len(lab.view.vertices)")
     lab.settle()

@@ -9,6 +9,8 @@ from nbclient import NotebookClient
 
 FOLDER = Path(__file__).resolve().parents[2] / "notebooks"
 NOTEBOOKS = sorted(path.stem for path in FOLDER.glob("*.ipynb"))
+COARSE = "import matplotlib.pyplot\nmatplotlib.pyplot.rcParams['figure.dpi'] = 24"
+"""Nobody looks at these pictures: `make test` draws them as they are."""
 _CHECK = re.compile(r"^lesson\.check\((\d+)", re.M)
 
 
@@ -71,11 +73,14 @@ def run(name, settings=(), exercises=()):
     if settings:
         (cell,) = tagged(notebook, "settings")
         cell.source = with_settings(cell.source, settings)
+    first = notebook.cells[0]
     by_number = {e.number: e for e in exercises}
     client = NotebookClient(
         notebook, timeout=600, resources={"metadata": {"path": str(FOLDER)}}, store_widget_state=False
     )
     with client.setup_kernel():
+        client.execute_cell(nbformat.v4.new_code_cell(COARSE), 0)
+        notebook.cells[0] = first
         for index, cell in enumerate(list(notebook.cells)):
             client.execute_cell(cell, index)
             if exercise_of(cell) in by_number:
