@@ -146,7 +146,7 @@ class ShapePanel(Panel):
             for slider, (name, tip), value, (low, high) in zip(
                 self.sliders, said, values, ranges, strict=False
             ):
-                # on the page's own grid, or it would round, and send that back as if it were an edit
+                # on the page's own grid, or it rounds, and sends that back as if it were an edit
                 value, low, high = _on_grid(value, low, high)
                 with slider.hold_sync():
                     slider.min, slider.max = min(low, slider.max), max(high, slider.min)
