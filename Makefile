@@ -23,13 +23,14 @@ endif
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 
 .PHONY: help lab app env data test lint unit test-notebooks browser test-browser test-all \
-	test-long test-bare soak notebooks site results bench mutants lock clean
+	test-long test-bare test-wire soak notebooks site results bench mutants lock clean
 
 help:
 	@echo "make lab        set up all, open the lab in JupyterLab"
 	@echo "make app        only the posing lab, as a page of its own"
 	@echo "make test       set up all, run every test: unit, notebooks, the lab in a real browser"
 	@echo "make test-all   what takes long beside it: the wheel, and a machine without data or network"
+	@echo "make test-wire  every length of pull over slow wires, a quarter of an hour"
 	@echo "make env        only the environment, in .venv"
 	@echo "make data       only the data (real faces are downloaded once, synthetic ones made)"
 	@echo "make notebooks  run every notebook in place and store its outputs"
@@ -102,7 +103,7 @@ test-all: test-long test-bare
 	@echo "facelab: make test-all passed"
 
 test-long: env data browser
-	$(BIN)/python -m pytest tests -m long --ignore=tests/notebooks
+	$(BIN)/python -m pytest tests -m long --ignore=tests/notebooks --ignore=tests/browser
 	@basename -s .ipynb $(NOTEBOOKS) | $(TWO_AT_A_TIME) $(BIN)/python -m pytest tests/notebooks -k
 
 # As on a machine without data and network, with nothing made before.
@@ -116,6 +117,9 @@ test-bare: env browser
 	$(BARE) $(BIN)/python -m facelab.data && \
 	$(BARE) $(NBVAL) $(BARE_NOTEBOOKS) && \
 	$(BARE) $(BIN)/python -m pytest -m "not long" tests/browser
+
+test-wire: env data browser  # pulls of four lengths over three wires, in every way of posing
+	$(BIN)/python -m pytest tests/browser -m long
 
 soak: env
 	cd tests && ../$(BIN)/python soak.py
