@@ -9,7 +9,6 @@ from facelab.files.landmarks import read_landmarks, write_landmarks
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.numeric.undo import History
-from facelab.rig import BlendshapeRig
 from facelab.widgets.lab import button, row
 from facelab.widgets.page import Page, markup, path_in, shows_errors, uploaded, written
 from facelab.widgets.parts import ROOT, ItemList
@@ -61,7 +60,7 @@ class LandmarkPicker(Page):
     """
 
     def __init__(self, mesh, names=SIX, props=(), width=470, height=540, folder="."):
-        self._rig = mesh if isinstance(mesh, BlendshapeRig) else None
+        self._rig = mesh if hasattr(mesh, "deltas") else None
         mesh = mesh if self._rig is None else self._rig.neutral
         if not isinstance(mesh, TriangleMesh):
             raise TypeError(f"mesh is a {type(mesh).__name__}; give a TriangleMesh or a rig.")

@@ -11,7 +11,6 @@ from facelab.files.ply import write_ply
 from facelab.files.poses import load_clip, load_pose, save_clip, save_pose
 from facelab.files.takes import write_live_link_csv
 from facelab.motion import WeightSequence
-from facelab.rig import BlendshapeRig
 from facelab.widgets.lab import WIDTH, Panel, row
 from facelab.widgets.page import markup, path_in, shows_errors, uploaded, written
 from facelab.widgets.posing_clips import OTHER_MODEL
@@ -128,7 +127,7 @@ class FilePanel(Panel):
     def _weights(self, path, clip):
         """Write the weights of the pose, or of the clip, as Live Link Face records them."""
         session = self.session
-        if not isinstance(session.model, BlendshapeRig):
+        if not session.model.named:
             raise ValueError("only a rig has weights; choose the rig among the models above first.")
         weights = self._clip().sample(_FPS)[1] if clip else session.coefficients[None]
         write_live_link_csv(path, WeightSequence(weights, session.model.names, _FPS))

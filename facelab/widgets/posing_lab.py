@@ -13,7 +13,6 @@ from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.plotting import region_colors
 from facelab.posing.session import PosingSession
-from facelab.rig import BlendshapeRig
 from facelab.segmentation.segment import segment_face
 from facelab.widgets.lab import Lab, button, row, toggle
 from facelab.widgets.own_face import own_face
@@ -184,7 +183,7 @@ class PosingLab(Lab):
     @property
     def rig(self):
         """The rig among the models that moves the very face on screen, or None."""
-        rigs = (m for m in self.models.values() if isinstance(m, BlendshapeRig))
+        rigs = (m for m in self.models.values() if m.named)
         return next((rig for rig in rigs if rig.n_vertices == self.mesh.n_vertices), None)
 
     def picture(self):
