@@ -43,7 +43,7 @@ def picture_of(notebook):
     return None
 
 
-def shrunk(png, width, colors=128):
+def shrunk(png, width):
     """A picture no wider than so many pixels, of few colours: PNG as base64 text."""
     with Image.open(BytesIO(png)) as whole:
         if whole.mode == "P" and whole.width <= width:
@@ -52,7 +52,7 @@ def shrunk(png, width, colors=128):
     if image.width > width:
         image = image.resize((width, round(image.height * width / image.width)), Image.LANCZOS)
     file = BytesIO()
-    image.quantize(colors).save(file, "PNG", optimize=True)
+    image.quantize(128).save(file, "PNG", optimize=True)
     return b64encode(file.getvalue()).decode()
 
 
@@ -73,7 +73,7 @@ def _lighten(data):
     """Large stored pictures of a cell get a palette: a third of the bytes, at the same size."""
     png = b64decode("".join(data.get("image/png", "")))
     if len(png) > _LARGE:
-        data["image/png"] = shrunk(png, width=10**6, colors=256)
+        data["image/png"] = shrunk(png, width=10**6)
 
 
 def complete(path):

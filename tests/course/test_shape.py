@@ -5,7 +5,7 @@ from importlib import import_module
 from statistics import median
 
 import pytest
-from reader import NOTEBOOKS, exercise_of, lesson_of, read, tagged
+from reader import FOLDER, NOTEBOOKS, exercise_of, lesson_of, read, tagged
 
 from facelab.course import fold
 from facelab.course.lesson import LESSONS
@@ -75,3 +75,8 @@ def test_a_notebook_has_the_shape_of_the_course(name):
         assert found, f"{name} complies now: take it off NOT_YET"
     else:
         assert not found, "; ".join(found)
+
+
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_a_stored_notebook_is_small(name):
+    assert (FOLDER / f"{name}.ipynb").stat().st_size < 2e6
