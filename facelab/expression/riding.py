@@ -3,9 +3,10 @@
 import numpy as np
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from facelab.geometry.alignment import Alignment, procrustes
+from facelab.geometry.alignment import procrustes
 from facelab.geometry.binding import bind_to_surface
 from facelab.geometry.closest import closest_points
+from facelab.geometry.jaw import Jaw
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import longest_side
 from facelab.geometry.welding import alike, rejoined, same_place
@@ -146,7 +147,9 @@ class Rider:
             return piece, lambda X, _, head: worn.carry(head[self._own])
         share = self._share_of_jaw(V)
         if share is not None:
-            return piece, lambda X, base, _: X + share * (self._jaw(base).apply(X) - X)
+            rest, chin = self._base.vertices, self._base.landmarks["chin"]
+            jaw = Jaw(rest, chin, rest[chin] + _JOINT)
+            return piece, lambda X, base, _: X + share * (jaw.motion(base).apply(X) - X)
         return piece, lambda X, *_: X
 
     def _twin(self, V):
@@ -175,26 +178,6 @@ class Rider:
         if np.ptp(above) < 35:  # a tooth, a row of teeth, a tongue
             return 1.0 if np.median(above) < 0 else None
         return np.clip(0.5 - above / 8, 0, 1)[:, None]  # gums, a lining: of both
-
-    def _jaw(self, base):
-        """Motion of the jaw, from that of the skin over the chin: it opens, and slides as a whole.
-
-        The skin may be drawn up over a closed jaw, so that is taken for none.
-        """
-        rest = self._base.vertices
-        chin = rest[self._base.landmarks["chin"]]
-        near = np.linalg.norm(rest - chin, axis=1) < 12.0
-        shift = (base - rest)[near].mean(axis=0)
-        joint = chin + _JOINT
-        before, after = chin - joint, chin + shift - joint
-        # about the axis from ear to ear: from one direction in the plane of y and z to the other
-        turn = np.arctan2(after[2], after[1]) - np.arctan2(before[2], before[1])
-        turn = max((turn + np.pi) % (2 * np.pi) - np.pi, 0.0) if shift[1] < 0 else 0.0
-        c, s = np.cos(turn), np.sin(turn)
-        R = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-        slide = shift - (R - np.eye(3)) @ before
-        slide[1] = 0
-        return Alignment(R, joint - R @ joint + slide)
 
 
 def _is_ball(V):

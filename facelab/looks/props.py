@@ -10,10 +10,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from facelab.geometry.jaw import Jaw
 from facelab.geometry.mesh import TriangleMesh
 from facelab.looks.eyes import IRIS, ball_mesh, fitted_ball, turned
 from facelab.looks.gaze import Gaze
-from facelab.looks.jaw import Jaw
 from facelab.looks.lids import Lids
 from facelab.looks.openings import SIDES, eye_opening, mouth_opening
 from facelab.looks.teeth import row_of_teeth, tongue

@@ -9,11 +9,11 @@ from data_synth.actors import ACTORS
 from data_synth.template import build_template
 from facelab.data import load_template, synthetic_props
 from facelab.files import write_glb
+from facelab.geometry.jaw import Jaw
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.looks import face_props, followed, lids_off
 from facelab.looks.eyes import turned
 from facelab.looks.gaze import FULL, Gaze
-from facelab.looks.jaw import Jaw
 from facelab.rig import BlendshapeRig
 from facelab.widgets import FaceView
 from facelab.widgets.props import PropMeshes
