@@ -154,7 +154,7 @@ function bars({ model, el }) {
       made.addEventListener("click", () => tell(what, index, 0));
       return made;
     };
-    const lock = button("lock", "🔒", "Lock at this weight; again to let go");
+    const lock = button("lock", "⚓", "Lock at this weight; again to let go");
     const out = button("exclude", "✕", "Leave this unit out; again to let it in");
     const at = (event) => {
       const box = bar.getBoundingClientRect();

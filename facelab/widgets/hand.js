@@ -132,7 +132,7 @@ class Hand {
   #build() {
     this.marks = element("svg", { class: "facelab-marks", "aria-hidden": "true" }, this.el);
     this.label = element("div", { class: "facelab-label", role: "status" }, this.el);
-    const bar = element("div", { class: "facelab-views", role: "toolbar", "aria-label": "View" }, this.el);
+    const bar = this.bar = element("div", { class: "facelab-views", role: "toolbar", "aria-label": "View" }, this.el);
     const button = (sign, tip, react) => {
       const made = element("button", { title: tip, "aria-label": tip, type: "button" }, bar);
       made.textContent = sign;
@@ -601,9 +601,11 @@ class Hand {
     const h = full ? window.innerHeight
       : Math.round(Math.min((w * height) / width, Math.max(height, HIGHEST * window.innerHeight)));
     const same = h === this.h && width === this.asked;
+    this.bar.style.right = `${4 + Math.max(0, w - (this.w ?? w))}px`;
     // a scroll bar that comes and goes with the height is no reason
     if (!w || (same && w === this.w) || (width === this.asked && w > this.w && w < this.w + 20)) return;
     [this.w, this.h, this.asked] = [w, h, width];
+    this.bar.style.right = "4px";
     this.stage.style.height = full ? "" : `${h}px`;
     this.renderer.set({ _width: w, _height: h });
     this.camera.set({ aspect: w / h });

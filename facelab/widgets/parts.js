@@ -1,7 +1,7 @@
-// Small parts that ipywidgets lacks: keys under the mouse, lists with pictures and buttons, and a
-// line of time with keys to drag.
+// Small parts that ipywidgets lacks: keys under the mouse, lists with pictures and buttons, sliders
+// that never answer for the person, and a line of time with keys to drag.
 
-const EDITABLE = "input, textarea, select, [contenteditable=true], .cm-editor";
+const EDITABLE = "input:not([type=range]), textarea, select, [contenteditable=true], .cm-editor";
 const OWN_KEYS = [" ", "Enter", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
 
 // Keys go to the lab that the mouse is over, unless a text is being edited; JupyterLab's own
@@ -150,6 +150,96 @@ function list({ model, el }) {
   };
 }
 
+// Sliders, each with a number to type. Only what a person moves is told; ipywidgets' own sliders
+// round and bound what the kernel shows, and send that back as if it had been moved.
+function sliders({ model, el }) {
+  el.classList.add("facelab-sliders");
+  const EVERY = 100; // ms between messages; the last always leaves
+  let rows = [];
+  let held = null; // the slider that the person moves, until the kernel has dealt with the last of it
+  let [gripped, stale] = [false, false]; // the mouse is down on it; other sliders wait to be shown
+  let [asked, heard, waiting, timer] = [0, 0, null, null];
+  const flush = () => {
+    timer = null;
+    if (!waiting) return;
+    model.send(waiting);
+    waiting = null;
+    timer = setTimeout(flush, EVERY);
+  };
+  const tell = (row, value) => {
+    held = row;
+    row.show(value);
+    waiting = { item: row.item.id, value, asked: ++asked };
+    if (!timer) flush();
+  };
+  const build = () => {
+    stale = held !== null;
+    if (stale) return;
+    const focused = rows.findIndex(({ made }) => made.contains(document.activeElement));
+    const was = rows[focused]?.item.id;
+    rows = model.get("items").map((item) => {
+      const made = element("div", "facelab-slider");
+      made.title = item.tip;
+      made.append(element("span", "facelab-slider-name", item.name));
+      const field = (type, step) => {
+        const input = element("input", "");
+        Object.assign(input, { type, min: item.low, max: item.high, step });
+        input.setAttribute("aria-label", item.name);
+        made.append(input);
+        return input;
+      };
+      const range = field("range", 0.01);
+      const number = field("number", "any");
+      const row = { item, made, show: (value) => {
+        // a pose may be beyond the usual ends
+        range.min = Math.min(item.low, value);
+        range.max = Math.max(item.high, value);
+        range.value = value;
+        if (document.activeElement !== number) number.value = value.toFixed(2);
+      } };
+      range.addEventListener("input", () => tell(row, Number(range.value)));
+      range.addEventListener("pointerdown", () => {
+        gripped = true;
+        window.addEventListener("pointerup", () => { gripped = false; settle(); }, { once: true });
+      });
+      number.dataset.lmSuppressShortcuts = "true"; // JupyterLab takes Enter
+      number.addEventListener("keydown", (event) => event.key === "Enter" && number.blur());
+      number.addEventListener("focus", () => number.select());
+      number.addEventListener("change", () => {
+        if (number.value !== "" && number.checkValidity()) tell(row, Number(number.value));
+        else draw();
+      });
+      return row;
+    });
+    el.style.setProperty("--facelab-accent", model.get("color"));
+    el.replaceChildren(...rows.map(({ made }) => made));
+    if (was !== undefined) rows.find(({ item }) => item.id === was)?.made.querySelector("input").focus();
+    draw();
+  };
+  const draw = () => rows.forEach((row, i) => row !== held && row.show(model.get("values")[i] ?? 0));
+  const settle = () => {
+    if (gripped || heard < asked) return;
+    held = null;
+    if (stale) build();
+    else draw();
+  };
+  const hear = (message) => {
+    heard = message.heard;
+    settle();
+  };
+  build();
+  model.on("change:items", build);
+  model.on("change:values", draw);
+  model.on("msg:custom", hear);
+  return () => {
+    clearTimeout(timer);
+    if (waiting) model.send(waiting);
+    model.off("change:items", build);
+    model.off("change:values", draw);
+    model.off("msg:custom", hear);
+  };
+}
+
 // Key poses on a line of time. A key is dragged, or moved by the arrow keys; a click chooses it.
 function track({ model, el }) {
   el.classList.add("facelab-track");
@@ -211,5 +301,5 @@ function track({ model, el }) {
   };
 }
 
-const KINDS = { keys, list, track };
+const KINDS = { keys, list, sliders, track };
 export default { render: (context) => KINDS[context.model.get("kind")](context) };

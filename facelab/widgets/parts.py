@@ -85,6 +85,43 @@ class ItemList(Part):
         self.on_msg(lambda _, message, __: react(message["do"], message["item"]))
 
 
+class Sliders(Part):
+    """Sliders with names and numbers; only what a person moves is heard.
+
+    Parameters
+    ----------
+    on_slide : callable
+        Called with (id, value) of a slider that was moved, ten times a second at most.
+
+    Attributes
+    ----------
+    items : list of dict
+        id, name, tip, low and high of each, from the top. By hand none goes beyond low and high;
+        a value that is beyond is shown as it is.
+    values : list of float
+        Of the items.
+    color : str
+        Of what is filled.
+    """
+
+    items = traitlets.List().tag(sync=True)
+    values = traitlets.List().tag(sync=True)
+    color = traitlets.Unicode().tag(sync=True)
+
+    def __init__(self, on_slide):
+        super().__init__(kind="sliders")
+        self.on_slide = on_slide
+        self.on_msg(self._hear)
+
+    def _hear(self, _, message, __):
+        try:
+            # the page may not know yet that it shows others now
+            if any(item["id"] == message["item"] for item in self.items):
+                self.on_slide(message["item"], message["value"])
+        finally:
+            self.send({"heard": message["asked"]})
+
+
 class Track(Part):
     """Key poses on a line of time: they can be dragged, and moved by the arrow keys.
 

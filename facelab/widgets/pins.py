@@ -88,7 +88,7 @@ class PinPanel(Panel):
             buttons = [
                 ["weight", sign, f"Weight: {near} ({weight:g}). Click for the next", False],
                 ["mirror", "⇋", "The same pin on the other side", False],
-                ["lock", "🔒" if locked else "🔓", "Unlock" if locked else "Lock", locked],
+                ["lock", "⚓", "Unlock" if locked else "Lock", locked],
             ]
         hidden = vertex in pinned.hidden
         buttons += [

@@ -9,13 +9,12 @@ from facelab.plotting import SKIN, region_colors
 from facelab.widgets.lab import WIDTH, Panel, button, row, toggle
 from facelab.widgets.pace import Pace
 from facelab.widgets.page import markup, quiet, shows_errors
-from facelab.widgets.parts import ItemList
+from facelab.widgets.parts import ItemList, Sliders
 from facelab.widgets.pins import PinPanel
 
 _PREFERRED = (1, 1.25, 1.6, 2, 2.5, 3.2, 4, 5, 6.3, 8)  # ten equal steps of a decade
 _LIMIT = 3.0  # standard deviations
 _MOLD = {"beta": 0.01, "gamma": 1.0}
-_STEP = 0.01  # of the sliders that mold
 _PLAIN = "#9aa5b1"
 _GAUGE = (
     (2, "#2c7fb8"),
@@ -112,11 +111,9 @@ class ShapePanel(Panel):
         )
         self.sorted = toggle("Strongest first", "Order the sliders by what they do to the pose now")
         self._title = widgets.HTML()
-        self.sliders = []
-        self._box = widgets.VBox()
-        self._box.add_class("facelab-sliders")
+        self.sliders = Sliders(self._slide)
         head = row(self._title, self.sorted, self.mold, self.neutral)
-        self.widget = widgets.VBox([self.regions, head, self._box])
+        self.widget = widgets.VBox([self.regions, head, self.sliders])
         self.mold.observe(self._relax, names="value")
         self.sorted.observe(lambda _: self.refresh(), names="value")
 
@@ -135,24 +132,19 @@ class ShapePanel(Panel):
         self.regions.items = [self._row(i, name, distance) for i, name in enumerate(self._names)]
         self.regions.chosen = self.region
         self._title.value = markup("<b>{}</b>", self._names[self.region])
-        said = self.slider_names(self.region)
-        for k in range(len(self.sliders), len(said)):
-            self.sliders.append(self._new_slider(k))
-        with quiet(self):
-            if not session.beta == _MOLD["beta"]:
+        if not session.beta == _MOLD["beta"]:
+            with quiet(self):
                 self.mold.value = False
-            self._box.children = [self.sliders[k] for k in self._order()]
-            values, ranges = session.slider_values(self.region), session.mold_ranges(self.region)
-            for slider, (name, tip), value, (low, high) in zip(
-                self.sliders, said, values, ranges, strict=False
-            ):
-                # on the page's own grid, or it rounds, and sends that back as if it were an edit
-                value, low, high = _on_grid(value, low, high)
-                with slider.hold_sync():
-                    slider.min, slider.max = min(low, slider.max), max(high, slider.min)
-                    slider.min, slider.max, slider.value = low, high, value
-                    slider.description, slider.tooltip = name, tip
-                    slider.style.handle_color = self._colors[self.region]
+        said, order = self.slider_names(self.region), self._order()
+        values, ranges = session.slider_values(self.region), session.mold_ranges(self.region)
+        with self.sliders.hold_sync():
+            self.sliders.color = self._colors[self.region]
+            self.sliders.items = [
+                {"id": f"{self.region} {k}", "name": said[k][0], "tip": said[k][1]}
+                | dict(zip(("low", "high"), map(float, ranges[k]), strict=True))
+                for k in order
+            ]
+            self.sliders.values = [float(values[k]) for k in order]
 
     def slider_names(self, region):
         """Name and tip of each slider of a region: what it moves, as well as it can be said."""
@@ -169,7 +161,7 @@ class ShapePanel(Panel):
                     tip += f" for one standard deviation; {shares[k]:.0%} of the region's motion"
                     side = self._names[region].split(" ")[-1]  # said by the region's own name
                     does = " ".join(w for w in does.split(" ") if w != side)
-                    name = f"{does or name}, {100 * shares[k]:.0f} %"
+                    name = f"{does or name}, {100 * shares[k]:.0f}\u00a0%"
                 said.append((name, tip))
             self._said[region] = said, self._reach
         return self._said[region][0]
@@ -192,22 +184,11 @@ class ShapePanel(Panel):
             )
         return row
 
-    def _new_slider(self, k):
-        slider = widgets.FloatSlider(
-            step=_STEP,
-            readout_format=".2f",
-            layout={"width": WIDTH, "flex": "0 0 auto"},
-            style={"description_width": "46%"},
-        )
-        slider.observe(lambda change: self._slide(k, change), names="value")
-        return slider
-
     @shows_errors
-    def _slide(self, k, change):
-        shown = round(self.session.slider_values(self.region)[k], 2)
-        if not self.settling and abs(change["new"] - shown) > _STEP / 2:
-            with self.session.group(f"mold {self.region} {k}"):
-                self.session.slide(self.region, k, change["new"])
+    def _slide(self, slider, value):
+        region, k = map(int, slider.split())
+        with self.session.group(f"mold {slider}"):
+            self.session.slide(region, k, value)
 
     @shows_errors
     def _relax(self, change):
@@ -233,13 +214,6 @@ class ShapePanel(Panel):
     @shows_errors
     def _reset(self, _):
         self.session.reset_region(self.region)
-
-
-def _on_grid(value, low, high):
-    """A value of a slider and its range, which holds it, in whole steps."""
-    value = round(float(value), 2)
-    low, high = np.floor(low / _STEP) * _STEP, np.ceil(high / _STEP) * _STEP
-    return value, min(round(low, 2), value), max(round(high, 2), value)
 
 
 def _scale(text, tip, low, high, first=()):

@@ -396,14 +396,32 @@ def test_a_slider_molds_the_region_that_was_clicked(fresh):
     wait_until(fresh, f"lab.shape.region == session.region_labels[{brow}]")
     show_tab(fresh, "Sliders")
     click(fresh, "Only here")
-    first = fresh.run("", n="lab.shape._box.children[0].description")["n"]
-    drag_slider(fresh, first, 30)
+    slider = fresh.page.locator(".facelab-slider").first.get_by_role("slider")
+    slider.hover()  # its handle stands in the middle, at 0
+    box = slider.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    mouse = fresh.page.mouse
+    mouse.down()
+    for step in range(1, 6):
+        mouse.move(x + 6 * step, y)
+        fresh.settle()
+    mouse.up()
+    fresh.settle()
     snapshot(fresh, "molded")
+    assert fresh.run("", n="session.n_undo")["n"] == 2, "what Only here set, and one drag"
     moved = np.linalg.norm(vertices(fresh) - neutral, axis=1)
     labels = np.array(fresh.run("", v="session.region_labels.tolist()")["v"])
     inside = labels == labels[brow]
     assert moved[inside].max() > 0.5
     assert (moved[inside] ** 2).sum() > 0.5 * (moved**2).sum()
+    number = fresh.page.locator(".facelab-slider").nth(1).get_by_role("spinbutton")
+    number.click()
+    fresh.page.keyboard.type("1.25\n")
+    fresh.settle()
+    values = fresh.run("", v="session.slider_values(lab.shape.region).tolist()")["v"]
+    assert values[1] == pytest.approx(1.25, abs=1e-6)
+    press(fresh, "z")
+    np.testing.assert_allclose(np.linalg.norm(vertices(fresh) - neutral, axis=1), moved)
 
 
 def turn(lab, pixels):

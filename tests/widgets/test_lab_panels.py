@@ -166,22 +166,22 @@ def test_sliders_of_a_rig_show_what_pins_made_and_are_sorted_by_what_they_do(lab
     face = rig.shape({"mouthSmileRight": 0.8})
     for vertex in range(5, 110, 15):
         lab.session.pull(vertex, face[vertex])
-    shown = [slider.value for slider in lab.shape._box.children]
-    np.testing.assert_allclose(shown, lab.session.coefficients, atol=0.0051)
+    shown = lab.shape.sliders.values
+    assert shown == list(lab.session.coefficients)
     assert int(np.argmax(shown)) == 2
     lab.shape.sorted.value = True
-    first = lab.shape._box.children[0]
-    assert first.description == "mouthSmileRight" and first.value == max(shown)
+    assert lab.shape.sliders.items[0]["name"] == "mouthSmileRight"
+    assert lab.shape.sliders.values[0] == max(shown)
 
 
 def test_a_component_says_what_it_moves_and_how_much(lab, monkeypatch):
     monkeypatch.setattr(lab.places, "motion", lambda x: f"moved {np.abs(x).max() > 0}")
     lab.shape._said = {}
     lab.refresh()
-    said = [slider.description for slider in lab.shape._box.children]
-    shares = [int(re.fullmatch(r"moved True, (\d+) %", text)[1]) for text in said]
+    said = [item["name"] for item in lab.shape.sliders.items]
+    shares = [int(re.fullmatch(r"moved True, (\d+)\u00a0%", text)[1]) for text in said]
     assert shares == sorted(shares, reverse=True) and 97 <= sum(shares) <= 103
-    assert "mm for one standard deviation" in lab.shape.sliders[0].tooltip
+    assert "mm for one standard deviation" in lab.shape.sliders.items[0]["tip"]
 
 
 def test_half_a_face_is_mirrored_by_button(lab):

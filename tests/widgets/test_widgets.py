@@ -415,32 +415,36 @@ def test_the_gauge_of_the_region_that_was_pulled_rises(lab):
     assert len(np.unique(skin_of(lab.view), axis=0)) == 4
 
 
+def slide(lab, slider, value):
+    lab.shape.sliders._handle_custom_msg({"item": slider, "value": value, "asked": 1}, [])
+
+
 def test_the_sliders_of_a_region_mold_it_and_have_its_colour(lab):
     lab.shape.regions._handle_custom_msg({"do": "choose", "item": 2}, [])
-    slider = lab.shape.sliders[0]
-    assert slider.style.handle_color == lab.shape.regions.items[2]["color"]
+    sliders = lab.shape.sliders
+    assert sliders.color == lab.shape.regions.items[2]["color"]
     lab.shape.mold.value = True
     assert lab.session.beta < 0.05 and lab.session.gamma > 0.5
     steps = lab.session.n_undo
     for value in (0.5, 1.0, 2.0):
-        slider.value = value
+        slide(lab, "2 0", value)
     assert lab.session.n_undo == steps + 1
     assert lab.session.slider_values(2)[0] == pytest.approx(2.0)
     moved = np.linalg.norm(lab.session.vertices - lab.session.neutral.vertices, axis=1)
     labels = lab.session.region_labels
     assert moved[labels == 2].max() > 5 * moved[labels == 1].max()
     lab.shape.neutral.click()
-    assert slider.value == pytest.approx(lab.session.slider_values(2)[0])
-    assert abs(slider.value) < 0.1, "what neighbours hold it to"
+    assert sliders.values == list(lab.session.slider_values(2))
+    assert abs(sliders.values[0]) < 0.1, "what neighbours hold it to"
     lab.shape.mold.value = False
     assert (lab.session.beta, lab.session.gamma) == (0.5, 0.025)
 
 
 def test_the_rig_has_its_units_as_sliders_and_no_gauge(lab):
     lab.model_choice.value = "rig"
-    assert [s.description for s in lab.shape._box.children] == list("abcd")
+    assert [item["name"] for item in lab.shape.sliders.items] == list("abcd")
     assert "bar" not in lab.shape.regions.items[0]
-    lab.shape.sliders[1].value = 0.8
+    slide(lab, "0 1", 0.8)
     np.testing.assert_allclose(lab.session.coefficients, [0, 0.8, 0, 0], atol=1e-9)
 
 
@@ -765,14 +769,10 @@ def test_a_thousand_edits_leave_no_widgets_behind(lab):
     assert len(_instances) == before
 
 
-def test_what_the_page_rounds_of_a_slider_and_sends_back_is_no_edit(models, rng):
+def test_a_slider_that_the_page_still_shows_but_the_lab_does_not_is_no_edit(models):
     lab = PosingLab(PosingSession(models["holistic"], models["rig"].neutral))
-    for vertex in (14, 40, 77):
-        lab.session.pull(vertex, lab.session.vertices[vertex] + rng.normal(0, 4, 3))
-        steps, posed = lab.session.n_undo, lab.session.vertices
-        for slider in lab.shape.sliders:
-            whole = round((slider.value - slider.min) / slider.step)
-            slider.value = round(slider.min + whole * slider.step, 2)
-            slider.value = slider.value + 1e-9
-        assert lab.session.n_undo == steps
-        np.testing.assert_array_equal(lab.session.vertices, posed)
+    lab.session.pull(14, lab.session.vertices[14] + [0, 0, 3.0])
+    steps, posed = lab.session.n_undo, lab.session.vertices
+    slide(lab, "1 0", 1.0)
+    assert lab.session.n_undo == steps
+    np.testing.assert_array_equal(lab.session.vertices, posed)
