@@ -7,7 +7,7 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-# Real data: a folder that may hold ICT-FaceKit/ and captures/. What is not there is downloaded
+# Real data: a folder that may hold ICT-FaceKit/, captures/ and rigs/aura/. What is not there is downloaded
 # by `make data` (with checksums); without it the lab runs on synthetic faces, and says so.
 # FACELAB_OFFLINE=1 forbids the download.
 DATA ?= ../shared
@@ -19,6 +19,9 @@ export FACELAB_CAPTURES ?= $(abspath $(DATA)/captures)
 endif
 ifneq ($(wildcard $(DATA)/captures/animface/*.ma),)
 export FACELAB_ANIMFACE ?= $(abspath $(DATA)/captures/animface)
+endif
+ifneq ($(wildcard $(DATA)/rigs/aura/*.npz),)
+export FACELAB_AURA ?= $(abspath $(DATA)/rigs/aura)
 endif
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 
