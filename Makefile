@@ -26,7 +26,8 @@ endif
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 
 .PHONY: help lab app env data test lint unit test-notebooks browser test-browser test-all \
-	test-long test-bare test-wire soak notebooks site results bench mutants lock clean
+	test-long test-bare test-wire soak notebooks pictures site results bench mutants \
+	lock clean
 
 help:
 	@echo "make lab        set up all, open the lab in JupyterLab"
@@ -37,6 +38,7 @@ help:
 	@echo "make env        only the environment, in .venv"
 	@echo "make data       only the data (real faces are downloaded once, synthetic ones made)"
 	@echo "make notebooks  run every notebook in place and store its outputs"
+	@echo "make pictures   the labs' pictures of README, made anew by mouse in a browser"
 	@echo "make mutants    a sample of the mathematics broken on purpose: which tests notice"
 	@echo "make site       the course as static pages, in site/"
 	@echo "make results    every error of notebook 04 and the table of all models, in results/"
@@ -133,6 +135,9 @@ notebooks: env data
 		--ExecutePreprocessor.store_widget_state=False \
 		--ExecutePreprocessor.record_timing=False $(NOTEBOOKS)
 	$(BIN)/python -m facelab.course $(NOTEBOOKS)
+
+pictures: env data browser  # those of README: five poses made by mouse, and both labs
+	$(BIN)/python tests/browser/pictures.py
 
 site: env  # the course as static pages, as its notebooks are stored
 	$(BIN)/python -m facelab.course.site site

@@ -14,6 +14,7 @@ from facelab.checks import check_type
 from facelab.expression.regression import CRITERIA
 from facelab.expression.session import ALPHAS, BOUNDS, ExpressionSession
 from facelab.expression.sketch_pins import BY_HAND
+from facelab.looks import face_props
 from facelab.motion import MotionSequence
 from facelab.posing.sculpt import Sculpt
 from facelab.posing.session import PosingSession
@@ -63,8 +64,8 @@ class ExpressionLab(Lab):
         sketch poses it by the model. All others are pulled vertex by vertex (`Sculpt`).
     others : dict of str to face or (face, props), optional
         Other faces to show the expression on: a BlendshapeRig or an IntermediateSpace each.
-    props : iterable of (TriangleMesh, colors), optional
-        Still parts to show with the face, such as the eyes.
+    props : iterable of Prop or (TriangleMesh, colors), optional
+        Eyes and teeth, or still parts. If left out, those that `facelab.looks.face_props` makes.
     folder : str or Path
         Where results are saved and files are named from.
     width, height : int
@@ -84,19 +85,20 @@ class ExpressionLab(Lab):
     _after_error = "Sketch and weights are as they were."
 
     def __init__(
-        self, session, sketches=None, others=None, props=(), folder=".", width=250, height=285
+        self, session, sketches=None, others=None, props=None, folder=".", width=250, height=285
     ):
         self.session = check_type(session, "session", ExpressionSession, "ExpressionSession(rig)")
         mesh = session.rig.neutral
         self.sketches = {**(sketches or {}), "neutral": mesh}
         self.others = {
-            name: other if isinstance(other, tuple) else (other, ())
+            name: other if isinstance(other, tuple) else (other, None)
             for name, other in (others or {}).items()
         }
         self.folder = Path(folder)
-        self._props, self._size = list(props), (width, height)
-        self.sketch_view = FaceView(mesh, props, width, height)
-        self.view = FaceView(mesh, props, width, height, linked_to=self.sketch_view)
+        self._props = face_props(mesh, session.rig) if props is None else list(props)
+        self._size = width, height
+        self.sketch_view = FaceView(mesh, self._props, width, height)
+        self.view = FaceView(mesh, self._props, width, height, linked_to=self.sketch_view)
         self.sketch_view.names = [self.name_of(v) for v in range(self.mesh.n_vertices)]
         self.sketch_view.on_press = self._press
         self.sketch_view.on_move = self._move

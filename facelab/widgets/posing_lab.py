@@ -9,6 +9,7 @@ import numpy as np
 from facelab.data.examples import load_example
 from facelab.files.rigs import read_rig
 from facelab.geometry.binding import bind_to_samples
+from facelab.looks import face_props
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.plotting import region_colors
@@ -51,8 +52,8 @@ class PosingLab(Lab):
         labs of one session stay in step, and a script that uses the session is seen in both.
     models : dict of str to model, optional
         Models to choose from, by the name on their button; the session's own must be among them.
-    props : iterable of (TriangleMesh, colors), optional
-        Still parts to show with the face, such as the eyes.
+    props : iterable of Prop or (TriangleMesh, colors), optional
+        Eyes and teeth, or still parts. If left out, those that `facelab.looks.face_props` makes.
     takes : dict of str to MotionSequence (or tuple of forms of it), optional
         Recorded takes that can be played through the model, by name. A tuple holds the same take
         in several forms, such as motion and weights of a rig: what the model can take is played.
@@ -72,7 +73,7 @@ class PosingLab(Lab):
     """
 
     def __init__(
-        self, session, models=None, props=(), takes=None, width=470, height=540, folder="."
+        self, session, models=None, props=None, takes=None, width=470, height=540, folder="."
     ):
         self.folder, self.size = folder, (width, height)
         self._begin()
@@ -154,7 +155,7 @@ class PosingLab(Lab):
         self.about = about
         self.say(about)
 
-    def take_up(self, session, models=None, props=(), takes=None):
+    def take_up(self, session, models=None, props=None, takes=None):
         """Show and pose what another session has, in this page; arguments as of the lab."""
         if not isinstance(session, PosingSession):
             raise TypeError(f"session is a {type(session).__name__}, but must be a PosingSession.")
@@ -165,7 +166,8 @@ class PosingLab(Lab):
             self.session.history.unobserve(self._follow)
             del self.places
         self.session, self.models = session, models
-        self.props, self.takes, self.about = list(props), dict(takes or {}), ""
+        self.props = face_props(session.neutral) if props is None else list(props)
+        self.takes, self.about = dict(takes or {}), ""
         self.thumbnails = Thumbnails(session.neutral, self.props)
         self.view = self._new_view(*self.size)
         self.other_view = None  # of the model beside it, made when it is first wanted

@@ -17,7 +17,7 @@ from matplotlib.colors import to_hex, to_rgb
 
 from facelab.checks import check_choice
 from facelab.geometry.mesh import normals_operator, vertex_normals_by
-from facelab.looks import Lining
+from facelab.looks import Lining, face_props
 from facelab.looks.light import FILL, KEY, RIM, STRENGTHS
 from facelab.plotting import SKIN
 from facelab.widgets.hand import Hand, packed_riders
@@ -40,9 +40,9 @@ class FaceView:
     ----------
     mesh : TriangleMesh
         The face, millimetres.
-    props : iterable of Prop or (TriangleMesh, colors)
-        Eyes and teeth (`facelab.looks.face_props`), which follow the face; or still parts, with
-        colors of shape (n_vertices, 3), 0 to 1.
+    props : iterable of Prop or (TriangleMesh, colors), optional
+        Eyes and teeth, which follow the face; or still parts, with colors of shape
+        (n_vertices, 3), 0 to 1. If left out, those that `facelab.looks.face_props` makes.
     width, height : int
         Size of the canvas, pixels. It grows with the room that the page has, in proportion.
     linked_to : FaceView, optional
@@ -76,7 +76,7 @@ class FaceView:
     >>> view.show_pins({17: view.vertices[17] + [0, 2, 0]})
     """
 
-    def __init__(self, mesh, props=(), width=620, height=640, linked_to=None):
+    def __init__(self, mesh, props=None, width=620, height=640, linked_to=None):
         self.mesh = mesh
         self.on_move = self.on_release = None
         self.lids_off = True
@@ -90,7 +90,7 @@ class FaceView:
         self._ghost = self._textured = None  # made when they are first wanted
         self._look = "skin"
         self._reserve_points(0)
-        self._props = PropMeshes(props)
+        self._props = PropMeshes(face_props(mesh) if props is None else props)
         if linked_to is None:
             self._build_camera(width / height)
             self._grip = SimpleNamespace(press=None, hand=None)  # what holds any linked view
