@@ -16,6 +16,7 @@ import numpy as np
 
 from facelab.files import meshopt
 from facelab.files.json_items import load_json
+from facelab.files.pictures import bytes_beside
 from facelab.storage import existing_file
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -167,21 +168,7 @@ class GltfData:
                 raise ValueError(
                     f"{self.path}: {item.at('uri')} is damaged: it is no base64."
                 ) from None
-        name = urllib.parse.unquote(uri)
-        folder = self.path.parent.resolve()
-        other = None if "\0" in name or ":" in name else (folder / name).resolve()
-        if other is None or not other.is_relative_to(folder):
-            raise ValueError(
-                f"{self.path}: {item.at('uri')} is {uri[:80]!r}; data are only read from the "
-                "folder of the file and those in it. Put the file there."
-            )
-        other = existing_file(other, f"file of data ({item.place} of {self.path})")
-        if most is not None and other.stat().st_size > most:
-            raise ValueError(
-                f"{self.path}: {item.at('uri')} names a file of {other.stat().st_size / 1e6:,.0f} "
-                f"MB, but {most / 1e6:,.0f} MB is the most that is read; make it smaller."
-            )
-        return other.read_bytes()
+        return bytes_beside(self.path, urllib.parse.unquote(uri), item.at("uri"), most)
 
     def view(self, index):
         """The bytes of a buffer view, unpacked, and its stride (0: packed tightly)."""

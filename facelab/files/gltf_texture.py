@@ -8,18 +8,12 @@ Khronos Group, glTF 2.0 specification, sections 3.8 (textures) and 3.9 (material
 KHR_texture_transform.
 """
 
-import io
 import warnings
 
 import numpy as np
-from PIL import Image
 
+from facelab.files.pictures import MOST_BYTES, picture
 from facelab.geometry.texture import Texture
-
-_MOST = 8192  # pixels along a side of a picture that is opened
-_KEPT = 2048  # and of what is kept of it
-_MOST_BYTES = 64 << 20
-_MODES = ("1", "L", "LA", "P", "RGB", "RGBA", "CMYK")
 
 
 def texture_of(data, primitives, faces, packed):
@@ -116,31 +110,7 @@ def _image(data, index):
     item = data.json.items("images")[index]
     uri = item.text("uri")
     if uri is not None:
-        stored = data.from_uri(item, uri, most=_MOST_BYTES)
+        stored = data.from_uri(item, uri, most=MOST_BYTES)
     else:
         stored = bytes(data.view(item.index("bufferView", data.lists["bufferViews"]))[0])
-    where = f"{data.path}: {item.place}"
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            picture = Image.open(io.BytesIO(stored), formats=("PNG", "JPEG"))
-            width, height = picture.size
-            if max(width, height) <= _MOST and picture.mode in _MODES:
-                picture.draft("RGB", (_KEPT, _KEPT))
-                picture.load()
-    except Image.DecompressionBombError:
-        raise ValueError(
-            f"{where} has more pixels than {_MOST} x {_MOST}; make it smaller."
-        ) from None
-    except Exception:  # Pillow has no one kind of its own
-        raise ValueError(f"{where} is no sound PNG or JPEG; export the file again.") from None
-    if max(width, height) > _MOST:
-        raise ValueError(
-            f"{where} has {width} x {height} pixels, but {_MOST} x {_MOST} is the most that is "
-            "opened; make it smaller."
-        )
-    if picture.mode not in _MODES:
-        raise ValueError(f"{where} has 16 bits for a colour; save it with 8.")
-    picture = picture.convert("RGB")
-    picture.thumbnail((_KEPT, _KEPT))
-    return np.asarray(picture)
+    return picture(stored, f"{data.path}: {item.place}")

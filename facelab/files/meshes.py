@@ -47,7 +47,8 @@ def read_mesh(path, mesh=None, scale=None, bad_faces="refuse"):
     TriangleMesh
         Millimetres. Vertices at the same place are not joined: the loose triangles of an STL, or
         the two sides of a seam in GLB and PLY; `mesh.welded()` joins them. `texture` is the
-        picture of base colours where one part of a GLB, glTF or VRM file is read.
+        picture of base colours, of an OBJ by its material library; of a GLB, glTF or VRM file
+        where one part is read.
 
     Raises
     ------

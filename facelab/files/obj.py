@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from facelab.checks import check_choice
+from facelab.files.obj_texture import texture_of
 from facelab.files.parts import MeshFile, check_coordinates, refuse_bad_faces
 from facelab.geometry.polygons import triangulate
 from facelab.storage import atomic_path, existing_file
@@ -32,8 +33,9 @@ _PLAIN = [  # all corners of a file of one form: index, how many numbers, which 
 def read_obj(path, bad_faces="refuse"):
     """The mesh of a Wavefront OBJ file, its vertices in the order of the file.
 
-    Texture coordinates, normals and materials are passed over, relative (negative) indices are
-    resolved, polygons are cut into triangles that lie inside them.
+    The picture of base colour that its material library names becomes its texture; normals and
+    all else of materials are passed over. Relative (negative) indices are resolved, polygons are
+    cut into triangles that lie inside them.
 
     Parameters
     ----------
@@ -55,8 +57,8 @@ def read_obj(path, bad_faces="refuse"):
     Warns
     -----
     UserWarning
-        Naming lines that were left out, unknown keywords, and texture coordinates or normals
-        that are named but not there.
+        Naming lines that were left out, unknown keywords, texture coordinates or normals that are
+        named but not there, and a texture that could not be read.
     """
     return read_obj_file(path, bad_faces).whole()
 
@@ -91,28 +93,33 @@ def read_obj_file(path, bad_faces="refuse"):
     check_choice(bad_faces, "bad_faces", ("refuse", "leave out"))
     path = existing_file(path, "OBJ file")
     vertices, polygons, sections, unknown = [], [], [], []
-    n_texture = n_normal = 0
+    places, libraries, materials = [], [], []
+    n_normal = 0
     for number, words in _lines(_text(path)):
         word = words[0]
         if word == b"v":
             vertices.append((number, words))
         elif word in (b"f", b"fo"):
-            polygons.append((number, words[1:], (len(vertices), n_texture, n_normal)))
+            polygons.append((number, words[1:], (len(vertices), len(places), n_normal)))
         elif word == b"vt":
-            n_texture += 1
+            places.append((number, words))
         elif word == b"vn":
             n_normal += 1
         elif word in (b"o", b"g"):
             names = [b" ".join(words[1:])] if word == b"o" else words[1:]
             names = [n.decode(errors="replace") for n in names if n]
             sections.append((len(polygons), word, names))
+        elif word == b"mtllib":
+            libraries.append(b" ".join(words[1:]))
+        elif word == b"usemtl":
+            materials.append((len(polygons), b" ".join(words[1:])))
         elif word not in _KEYWORDS:
             unknown.append((number, words))
     V = _vertices(path, vertices)
     if not polygons:
         raise ValueError(f"{path}: vertices but no faces (no line starts with 'f').")
     _say_unknown(path, unknown)
-    corners, counts = _corners(path, polygons, (len(V), n_texture, n_normal))
+    corners, on_picture, counts = _corners(path, polygons, (len(V), len(places), n_normal))
     good = _good_faces(path, polygons, corners, counts, len(V), bad_faces)
     kept = corners[np.repeat(good, counts)]
     try:
@@ -120,7 +127,20 @@ def read_obj_file(path, bad_faces="refuse"):
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     owner = np.flatnonzero(good)[polygon]
-    return MeshFile(path, V, F, {n: np.flatnonzero(m) for n, m in _parts(sections, owner).items()})
+    texture = None
+    if libraries and materials and places:
+        own = on_picture[np.repeat(good, counts)][_corner_of(F, polygon, kept, counts[good])]
+        texture = texture_of(path, places, libraries, materials, own, owner)
+    parts = {n: np.flatnonzero(m) for n, m in _parts(sections, owner).items()}
+    return MeshFile(path, V, F, parts, texture=texture)
+
+
+def _corner_of(F, polygon, corners, counts):
+    """Which corner of all polygons each corner of the triangles is: shape of F."""
+    n = corners.max() + 1
+    keys = np.repeat(np.arange(len(counts)), counts) * n + corners  # no polygon has a vertex twice
+    order = np.argsort(keys)
+    return order[np.searchsorted(keys, polygon[:, None] * n + F, sorter=order)]
 
 
 def _text(path):
@@ -202,7 +222,10 @@ def _refuse_vertex(path, number, words):
 
 
 def _corners(path, polygons, totals):
-    """Vertex of each corner of all faces, from 0 (-1 where it does not exist); corners a face."""
+    """Vertex and texture coordinates of each corner of all faces, and how many a face has.
+
+    Both are counted from 0; -1 where there is none.
+    """
     counts = np.array([len(words) for _, words, _ in polygons])
     joined = b" ".join([w for _, words, _ in polygons for w in words]) + b" " * bool(counts.sum())
     for form, columns in _PLAIN:
@@ -225,7 +248,7 @@ def _corners(path, polygons, totals):
             f"the file does not have, the first in line {lines[0]}; they are passed over here.",
             stacklevel=4,
         )
-    return index[:, 0].copy(), counts
+    return index[:, 0].copy(), np.where(named[:, 1], index[:, 1], -1), counts
 
 
 def _mixed_corners(path, polygons):

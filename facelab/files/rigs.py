@@ -189,7 +189,10 @@ def _from_folder(folder, mesh, scale, neutral):
             )
         deltas[k] = shape[kept] - V
     scale = _unit(folder, V, deltas, unit_of(".obj"), scale)
-    read = SimpleNamespace(vertices=V, faces=F, deltas=deltas, texture=None)
+    texture = base.texture
+    if texture is not None and mesh is not None:
+        texture = texture.on(base.parts[mesh])
+    read = SimpleNamespace(vertices=V, faces=F, deltas=deltas, texture=texture)
     rest_mesh, deltas, index, apart = _welded(folder, read, scale)
     source = RigSource(str(folder / f"{rest}.obj"), mesh or rest, index, scale, apart)
     return BlendshapeRig(rest_mesh, list(files), deltas, source=source)

@@ -209,6 +209,8 @@ def test_data_under_an_unknown_keyword_are_refused_for_they_would_shift_the_othe
 
 
 def test_every_keyword_of_the_format_is_passed_over_in_silence(write):
+    path = write("")
+    path.with_name("a.mtl").write_text("newmtl m\nKd 1 0 0\n")
     words = "mtllib a.mtl\no a\ng b c\ns 1\nusemtl m\nvp 0 1\nl 1 2\np 1\nvt 0 0\nvn 0 0 1\n"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
