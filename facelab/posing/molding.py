@@ -121,8 +121,8 @@ class Molding:
         >>> rig = facelab.load_example().rig
         >>> session = facelab.PosingSession(rig, rig.neutral)
         >>> session.look(13.5, 0)
-        >>> {name: round(float(w), 3) for name, w in rig.named(session.coefficients).items() if w}
-        {'eyeLookIn_R': 0.5, 'eyeLookOut_L': 0.5}
+        >>> print(session.gaze.round(2))
+        [13.5  0. ]
         """
         wanted, state = check_gaze((left, up)), self.state
         turns = look_units(self._solver.names(0)) if self.model.named else np.zeros((2, 1, 2))
