@@ -8,7 +8,7 @@ import numpy as np
 from facelab.checks import as_finite, check_choice, check_count, check_type
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size
-from facelab.looks import followed
+from facelab.looks import followed, turn_eyes
 from facelab.models.components import principal_components
 from facelab.models.evaluation import rms_error
 from facelab.motion import MotionSequence
@@ -20,7 +20,15 @@ _STILL = 1e-9  # metres: smaller displacements are left out of sparse targets
 
 
 def write_glb(
-    path, mesh, deltas=None, names=None, times=None, weights=None, interpolation="LINEAR", props=()
+    path,
+    mesh,
+    deltas=None,
+    names=None,
+    times=None,
+    weights=None,
+    interpolation="LINEAR",
+    props=(),
+    gaze=None,
 ):
     """Write a face, its morph targets and their animation as GLB, whole or not at all.
 
@@ -46,6 +54,8 @@ def write_glb(
     props : iterable of Prop or (TriangleMesh, colors)
         Eyes and teeth, each a mesh of its own. Those that follow the face have the same targets,
         so that teeth go with the jaw.
+    gaze : ndarray of shape (n_targets, 2), optional
+        Where the eyes look in each target, see `facelab.looks.turn_eyes`.
 
     Raises
     ------
@@ -67,7 +77,7 @@ def write_glb(
         raise TypeError(f"mesh is a {type(mesh).__name__}; give a TriangleMesh.")
     check_writable(path)  # before the work
     check_face_size(mesh.vertices, "mesh")
-    n = mesh.n_vertices
+    n, props = mesh.n_vertices, list(props)
     deltas = np.zeros((0, n, 3)) if deltas is None else deltas
     deltas = as_finite(deltas, "deltas", ("n_targets", n, 3))
     names = [f"target {k + 1}" for k in range(len(deltas))] if names is None else list(names)
@@ -88,8 +98,11 @@ def write_glb(
     file = _File()
     names = [str(m) for m in names]
     file.add_mesh(mesh, deltas, names)
-    for prop in props:
-        file.add_prop(prop, mesh.vertices, deltas, names)
+    looks = np.zeros((len(deltas), 2)) if gaze is None else gaze
+    looks = as_finite(looks, "gaze", (len(deltas), 2))
+    turned = [turn_eyes(props, look) for look in looks]
+    for i, prop in enumerate(props):
+        file.add_prop(prop, mesh.vertices, deltas, names, [parts[i] for parts in turned])
     if times is not None:
         file.add_animation(times, weights, interpolation)
     data = file.bytes()
@@ -100,8 +113,9 @@ def write_glb(
 def write_clip_glb(path, clip, session, props=()):
     """Write a key-framed clip as an animated GLB.
 
-    With a blendshape rig its units are the morph targets, names kept; with another model each key
-    pose is one, called as in the clip. Between keys the file moves as the clip does.
+    With a blendshape rig its units are the morph targets, names kept; with another model, or eyes
+    that were turned beyond what its units do, each key pose is one, called as in the clip. Between
+    keys the file moves as the clip does.
 
     Parameters
     ----------
@@ -120,7 +134,7 @@ def write_clip_glb(path, clip, session, props=()):
     check_clip(clip, session)
     check_writable(path)  # before the work
     way = {"smooth": "SMOOTH", "linear": "LINEAR"}[clip.easing]
-    if session.model.named:
+    if session.model.named and not clip.gaze.any():
         rest = session.neutral.vertices
         deltas = session.vertices_of(np.eye(clip.poses.shape[1])) - rest
         model = session.model
@@ -129,7 +143,8 @@ def write_clip_glb(path, clip, session, props=()):
         return
     deltas = session.vertices_of(clip.poses) - session.neutral.vertices
     shares = np.eye(len(clip.times))
-    write_glb(path, session.neutral, deltas, _distinct(clip.names), clip.times, shares, way, props)
+    names = _distinct(clip.names)
+    write_glb(path, session.neutral, deltas, names, clip.times, shares, way, props, gaze=clip.gaze)
 
 
 def write_motion_glb(path, motion, n_modes=30):
@@ -261,13 +276,18 @@ class _File:
         self._gltf.meshes.append(self._shape("face", mesh, deltas, names, 0, None))
         self._animated = [0] if len(deltas) else []
 
-    def add_prop(self, prop, rest, deltas, names):
-        """A part beside the face, with a node, a material and colours of its own."""
+    def add_prop(self, prop, rest, deltas, names, turned):
+        """A part beside the face, with a node, a material and colours of its own.
+
+        `turned` are the same part as it is with each delta: an eye may look elsewhere.
+        """
         g, gltf = self._g, self._gltf
         part, colors = prop
-        moves = len(deltas) and getattr(prop, "move", None) is not None
+        part = part.with_vertices(followed(prop, rest))  # the face need not be at rest
+        moves = any(getattr(each, "move", None) is not None for each in turned)
         if moves:
-            deltas = np.stack([followed(prop, rest + d) for d in deltas]) - part.vertices
+            posed = [followed(t, rest + d) for t, d in zip(turned, deltas, strict=True)]
+            deltas = np.stack(posed) - part.vertices
         else:
             deltas, names = [], []
         name = getattr(prop, "name", f"part_{len(gltf.meshes)}")

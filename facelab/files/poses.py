@@ -21,7 +21,7 @@ _VERSION = 1
 _HEAD = "format", "version", "mesh"
 _CONTENT = {
     "pose": ("name", "state", "log"),
-    "clip": ("model", "times", "poses", "easing", "names"),
+    "clip": ("model", "times", "poses", "easing", "names", "gaze"),
     "library": ("poses",),
 }
 
@@ -202,6 +202,7 @@ def save_clip(path, clip, session):
         "poses": clip.poses.tolist(),
         "easing": clip.easing,
         "names": list(clip.names),
+        **({"gaze": clip.gaze.tolist()} if clip.gaze.any() else {}),
     }
     _write(path, "clip", session, content)
 
@@ -212,6 +213,7 @@ def load_clip(path, session):
         if reason := differs(entry(stored, "model", dict), fingerprint(session.model)):
             raise ValueError(f"it was made with another model: {reason}; use that model")
         times, poses, names = (entry(stored, x, list) for x in ("times", "poses", "names"))
-        clip = Clip(times, poses, entry(stored, "easing", str), names)
+        gaze = entry(stored, "gaze", list) if "gaze" in stored else None
+        clip = Clip(times, poses, entry(stored, "easing", str), names, gaze)
         check_clip(clip, session)
     return clip

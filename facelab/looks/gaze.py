@@ -6,12 +6,53 @@ import numpy as np
 
 from facelab.names import normalised
 
-FULL = np.radians(27.0)
-"""How far the eye turns at weight 1 of a look shape."""
+WIDEST = 27.0
+"""How far the eye turns at weight 1 of a look shape, and by hand at most, degrees."""
+
+FULL = np.radians(WIDEST)
+"""The same in radians."""
 
 _LOOK = re.compile(r"^eyes?look(up|down|in|out|left|right)(left|right)?$")
 _REACH = 28.0  # mm around the middle of the eye
 _RIDGE = 1e-3  # against shapes that move the lids nearly alike
+
+
+def look_units(names):
+    """What each unit of a rig adds to yaw and pitch of both eyes at weight 1.
+
+    Parameters
+    ----------
+    names : sequence of str
+
+    Returns
+    -------
+    turns : ndarray of shape (2, n_units, 2)
+        Left and right eye; to the person's left and up, shares of `WIDEST`, 0 for no look shape.
+
+    Examples
+    --------
+    >>> look_units(["jawOpen", "eyeLookInRight"])[1].tolist()
+    [[0.0, 0.0], [1.0, 0.0]]
+    """
+    turns = [[_turn(name, side) for name in names] for side in ("left", "right")]
+    return np.array(turns, dtype=float).reshape(2, -1, 2)
+
+
+def look_weights(turns, gaze):
+    """Weights of the look shapes for a gaze: of their units, and those, (n,) and (n,).
+
+    Parameters
+    ----------
+    turns : ndarray of shape (2, n_units, 2)
+        From `look_units`.
+    gaze : array_like of shape (2,)
+        Degrees to the person's left and up, both eyes.
+    """
+    wanted = (turns @ (np.asarray(gaze) / WIDEST)).clip(0, 1)
+    # where several shapes turn an eye the same way, each does its part
+    alike = ((turns @ turns.transpose(0, 2, 1)) > 0.5).sum(axis=2).clip(1)
+    units = np.flatnonzero(turns.any(axis=(0, 2)))
+    return units, (wanted / alike).max(axis=0)[units]
 
 
 class Gaze:

@@ -5,11 +5,12 @@ skull, lower teeth and tongue go with the jaw, eyes turn with the rig's gaze.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from facelab.checks import as_finite
 from facelab.geometry.jaw import Jaw
 from facelab.geometry.mesh import TriangleMesh
 from facelab.looks.eyes import IRIS, ball_mesh, fitted_ball, turned
@@ -45,6 +46,8 @@ class Prop:
         0 for skin, 1 for what is wet.
     lids : Lids, optional
         Of an eye: they keep the skin off it.
+    look : callable, optional
+        Of an eye: takes the vertices of the face and a gaze to its own vertices, see `turn_eyes`.
     """
 
     name: str
@@ -53,6 +56,7 @@ class Prop:
     move: Callable | None = field(default=None, repr=False)
     gloss: float = 0.0
     lids: Lids | None = field(default=None, repr=False)
+    look: Callable | None = field(default=None, repr=False)
 
     def __iter__(self):
         return iter((self.mesh, self.colors))
@@ -69,6 +73,36 @@ def followed(prop, vertices):
     mesh, _ = prop
     move = getattr(prop, "move", None)
     return mesh.vertices if move is None else move(vertices)
+
+
+def turn_eyes(props, gaze):
+    """The parts with eyes that look elsewhere, beyond what the face itself says: list.
+
+    Parameters
+    ----------
+    props : iterable of Prop or (TriangleMesh, colors)
+        As made by `face_props`; what is no eye of it stays as it is.
+    gaze : array_like of shape (2,)
+        Degrees to the person's left and up, both eyes.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> face = facelab.load_template()
+    >>> eye = turn_eyes(face_props(face), (20, 0))[0]
+    >>> ahead = followed(eye, face.vertices)[0] - eye.mesh.vertices[0]
+    >>> bool(ahead[0] > 4)  # the pupil, millimetres to the person's left
+    True
+    """
+    gaze = as_finite(gaze, "gaze", (2,))
+    if not gaze.any():
+        return list(props)
+    return [
+        replace(prop, move=lambda V, look=prop.look: look(V, gaze))
+        if getattr(prop, "look", None)
+        else prop
+        for prop in props
+    ]
 
 
 def lids_off(props, vertices):
@@ -135,23 +169,31 @@ def _eyes(face, rig, iris):
             continue
         centre, radius = fitted_ball(face.vertices[opening.rim], opening.width, face.vertices)
         ball, colors = ball_mesh(radius, iris)
+        move, look = _looking(ball.vertices, centre, rig, side)
         props.append(
             Prop(
                 f"eye_{side}",
                 ball.with_vertices(ball.vertices + centre),
                 colors,
-                None if rig is None else _looking(ball.vertices, centre, rig, side),
+                move,
                 1.0,
                 Lids(face.vertices, centre, radius),
+                look,
             )
         )
     return props
 
 
 def _looking(points, centre, rig, side):
-    """How an eye turns with the rig's look shapes; None where it has none."""
-    gaze = Gaze(rig, centre, side)
-    return (lambda V: centre + turned(points, *gaze.angles(V))) if gaze.found else None
+    """How an eye turns with the rig's look shapes, None where it has none; and with a gaze too."""
+    found = None if rig is None else Gaze(rig, centre, side)
+    seen = found.angles if found is not None and found.found else None
+
+    def look(V, gaze=(0.0, 0.0)):
+        own = (0.0, 0.0) if seen is None else seen(V)
+        return centre + turned(points, *(own + np.radians(gaze)))
+
+    return look if seen else None, look
 
 
 def _mouth(face):

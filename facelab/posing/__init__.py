@@ -2,7 +2,7 @@
 
 from facelab.models.region import BETA
 from facelab.posing.bounded import BoundedPull
-from facelab.posing.clips import Clip, interpolate
+from facelab.posing.clips import Clip, interpolate, interpolate_gaze
 from facelab.posing.log import replay
 from facelab.posing.ranges import GAMMA
 from facelab.posing.sculpt import Sculpt
@@ -20,5 +20,6 @@ __all__ = [
     "PosingSession",
     "Sculpt",
     "interpolate",
+    "interpolate_gaze",
     "replay",
 ]

@@ -1,11 +1,11 @@
 """Poses in time: clips, and what is between two poses."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from facelab.checks import as_finite, check_choice, check_index, check_number, check_type
-from facelab.posing.ranges import check_size
+from facelab.posing.ranges import check_gaze, check_size
 from facelab.posing.state import PoseState, frozen_copy
 
 _LONGEST = 1e6  # seconds that a clip may last
@@ -30,6 +30,12 @@ def interpolate(a, b, share):
     return (1 - share) * a.coefficients + share * b.coefficients
 
 
+def interpolate_gaze(a, b, share):
+    """Where the eyes look between two poses, shape (2,), as `interpolate`."""
+    share = check_number(share, "share", low=0, high=1)
+    return (1 - share) * np.array(a.gaze) + share * np.array(b.gaze)
+
+
 @dataclass(frozen=True, eq=False)
 class Clip:
     """Poses at times, and what is between them. Its arrays are copies that cannot be written to.
@@ -45,6 +51,8 @@ class Clip:
         as s. It never leaves the way from one to the other: weights of a rig stay within [0, 1].
     names : sequence of str, optional
         Of the key poses.
+    gaze : array_like of shape (K, 2), optional
+        Of the key poses, as `PoseState` has it; all look ahead if left out.
 
     Raises
     ------
@@ -57,6 +65,7 @@ class Clip:
     poses: np.ndarray
     easing: str = "smooth"
     names: tuple = None
+    gaze: np.ndarray = None
 
     def __post_init__(self):
         times = as_finite(self.times, "times", ("n_keys",))
@@ -75,7 +84,12 @@ class Clip:
         if len(names) != len(times):
             raise ValueError(f"names has {len(names)} entries for {len(times)} keys.")
         check_choice(self.easing, "easing", ("smooth", "linear"))
+        gaze = np.zeros((len(times), 2)) if self.gaze is None else self.gaze
+        gaze = as_finite(gaze, "gaze", (len(times), 2))
+        for k, each in enumerate(gaze):
+            check_gaze(each, f"gaze of key {k + 1}")
         values = {"times": frozen_copy(times), "poses": frozen_copy(poses), "names": names}
+        values["gaze"] = frozen_copy(gaze)
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -85,7 +99,8 @@ class Clip:
         keys = sorted(keys, key=lambda key: key[0])
         if len({id(state.model) for _, state in keys}) > 1:
             raise ValueError("keys are poses of several models; a clip needs one.")
-        return cls([t for t, _ in keys], [state.coefficients for _, state in keys], easing)
+        poses, gaze = ([getattr(s, n) for _, s in keys] for n in ("coefficients", "gaze"))
+        return cls([t for t, _ in keys], poses, easing, gaze=gaze)
 
     @property
     def duration(self):
@@ -94,6 +109,7 @@ class Clip:
 
     def with_key(self, seconds, coefficients, name=None):
         """The clip with one more pose, or another one at a time that has one already."""
+        looks = getattr(coefficients, "gaze", (0.0, 0.0))
         if hasattr(coefficients, "coefficients"):  # a PoseState
             coefficients = coefficients.coefficients
         coefficients = as_finite(coefficients, "coefficients", self.poses.shape[1:])
@@ -101,17 +117,19 @@ class Clip:
         keep = self.times != seconds
         times = np.append(self.times[keep], seconds)
         poses = np.vstack([self.poses[keep], coefficients])
+        gaze = np.vstack([self.gaze[keep], looks])
         names = [n for n, k in zip(self.names, keep, strict=True) if k]
         names.append(f"key {len(names) + 1}" if name is None else name)
         order = np.argsort(times)
-        return Clip(times[order], poses[order], self.easing, [names[i] for i in order])
+        names = [names[i] for i in order]
+        return Clip(times[order], poses[order], self.easing, names, gaze[order])
 
     def without_key(self, index):
         """The clip without one of its keys."""
         index = check_index(index, "index", len(self.times), "keys")
         keep = np.arange(len(self.times)) != index
         names = [n for n, k in zip(self.names, keep, strict=True) if k]
-        return Clip(self.times[keep], self.poses[keep], self.easing, names)
+        return Clip(self.times[keep], self.poses[keep], self.easing, names, self.gaze[keep])
 
     def moved_key(self, index, seconds):
         """The clip with one of its keys at another time."""
@@ -120,7 +138,7 @@ class Clip:
         times[index] = check_number(seconds, "seconds", low=0)
         order = np.argsort(times, kind="stable")
         names = [self.names[i] for i in order]
-        return Clip(times[order], self.poses[order], self.easing, names)
+        return Clip(times[order], self.poses[order], self.easing, names, self.gaze[order])
 
     def shares(self, seconds):
         """How much of each key pose there is at some times: (n, K), rows sum to one."""
@@ -140,6 +158,14 @@ class Clip:
     def at(self, seconds):
         """Coefficients at a time, shape (P,); before the first key and after the last, theirs."""
         return self.shares(check_number(seconds, "seconds"))[0] @ self.poses
+
+    def gaze_at(self, seconds):
+        """Where the eyes look at a time, shape (2,), as `PoseState` has it."""
+        return self.shares(check_number(seconds, "seconds"))[0] @ self.gaze
+
+    def with_easing(self, easing):
+        """The clip with another way from key to key."""
+        return replace(self, easing=easing)
 
     def sample(self, fps=30.0):
         """The clip at a steady beat.

@@ -11,7 +11,7 @@ from facelab.geometry.binding import LinearBinding
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size
 from facelab.geometry.symmetry import MIRROR, check_partners, mirror_partners
-from facelab.posing.ranges import check_displacement, check_size, check_weight
+from facelab.posing.ranges import check_displacement, check_gaze, check_size, check_weight
 from facelab.posing.solver import PoseSolver
 from facelab.posing.state import PoseState
 
@@ -78,6 +78,7 @@ class PosedFace:
             check_displacement(target, f"displacement of pin {self.vertex(v)}")
         for v, weight in state.weights.items():
             check_weight(weight, f"weight of pin {v}")
+        check_gaze(state.gaze)
         named = state.locked | state.hidden | state.weights.keys() | state.called.keys()
         unpinned = named - state.pins.keys()
         if unpinned:

@@ -1,9 +1,13 @@
 """The sliders of a posing session: components of its regions, units of its rig."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from facelab.checks import check_index, check_number
+from facelab.looks.gaze import WIDEST, look_units, look_weights
 from facelab.numeric.undo import edit
+from facelab.posing.ranges import check_gaze
 
 _FIRM = 0.02  # share of a slider's way that the pose takes: below, pins hold it
 _TRIES = 3  # of `slide`: one is exact where the pose is affine
@@ -62,9 +66,12 @@ class Molding:
         solver = self._solver
         s = solver.slice_of(region)
         k = s.start + check_index(component, "component", s.stop - s.start, "components")
-        low, high = solver.mold_bounds
-        value = check_number(value, "value", low, high)
-        unit, state = solver.deviations[k], self.state
+        return self._slid(self.state, k, check_number(value, "value", *solver.mold_bounds))
+
+    def _slid(self, state, k, value):
+        """A state with one coefficient of its pose brought to a value, in the unit of `mold`."""
+        low, high = self._solver.mold_bounds
+        unit = self._solver.deviations[k]
         least, most = low * unit - state.c_0[k], high * unit - state.c_0[k]
         for _ in range(_TRIES):
             gap = value * unit - state.coefficients[k]
@@ -72,15 +79,58 @@ class Molding:
                 break
             molded = state.molded.copy()
             molded[k] = np.clip(molded[k] + gap, least, most)
-            tried = self._solved(molded=molded)
+            tried = self._face.solved(state, molded=molded)
             gain = (tried.coefficients[k] - state.coefficients[k]) / gap
             if gain > _FIRM:
                 molded[k] = np.clip(state.molded[k] + gap / gain, least, most)
-                tried = self._solved(molded=molded)
+                tried = self._face.solved(state, molded=molded)
             if abs(value * unit - tried.coefficients[k]) >= abs(gap):
                 break
             state = tried
         return state
+
+    @property
+    def gaze(self):
+        """Where both eyes are turned by hand or by look shapes: degrees to the left and up, (2,).
+
+        Of look shapes of a rig, the average of both eyes.
+        """
+        own = np.array(self.state.gaze)
+        if not self.model.named:
+            return own
+        turns = look_units(self._solver.names(0)).mean(axis=0)
+        return own + WIDEST * (self.coefficients.clip(0, 1) @ turns)
+
+    @edit(over=())
+    def look(self, left, up):
+        """Turn both eyes: by the look shapes of a rig that has some, else as part of the pose.
+
+        Parameters
+        ----------
+        left, up : float
+            Degrees to the person's left and up, at most 27.
+
+        Raises
+        ------
+        ValueError
+            For a gaze out of range; nothing changes.
+
+        Examples
+        --------
+        >>> import facelab
+        >>> rig = facelab.load_example().rig
+        >>> session = facelab.PosingSession(rig, rig.neutral)
+        >>> session.look(13.5, 0)
+        >>> print(session.gaze.round(2))
+        [13.5  0. ]
+        """
+        wanted, state = check_gaze((left, up)), self.state
+        turns = look_units(self._solver.names(0)) if self.model.named else np.zeros((2, 1, 2))
+        if not turns.any():
+            return replace(state, gaze=wanted)
+        for k, weight in zip(*look_weights(turns, wanted), strict=True):
+            state = self._slid(state, k, weight)
+        return replace(state, gaze=(0.0, 0.0))
 
     def slider_values(self, region):
         """What the pose on screen has of each component, in the unit of `mold`: shape (P_i,)."""

@@ -8,6 +8,7 @@ lost until there is no answer at all.
 import numpy as np
 
 from facelab.checks import as_finite, check_number
+from facelab.looks.gaze import WIDEST
 
 GAMMA = 0.025
 """γ of the paper: weight of staying near the state before the pins."""
@@ -43,6 +44,13 @@ def check_gamma(value):
 def check_weight(value, name="weight"):
     """Weight of a pin as float, refused outside its range."""
     return check_number(value, name, *WEIGHTS)
+
+
+def check_gaze(value, name="gaze"):
+    """A gaze, degrees to the person's left and up, refused beyond `WIDEST`: (float, float)."""
+    left, up = as_finite(value, name, (2,), remedy="give degrees to the left and up").tolist()
+    ends = -WIDEST, WIDEST
+    return check_number(left, f"{name} to the left", *ends), check_number(up, f"{name} up", *ends)
 
 
 def check_displacement(value, name):

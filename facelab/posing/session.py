@@ -16,7 +16,7 @@ from facelab.posing.face import PosedFace
 from facelab.posing.fingerprint import fingerprint
 from facelab.posing.molding import Molding
 from facelab.posing.pins import PinEdits
-from facelab.posing.ranges import GAMMA, check_beta, check_gamma
+from facelab.posing.ranges import GAMMA, check_beta, check_gamma, check_gaze
 from facelab.posing.solver import check_limit
 from facelab.posing.state import PoseState, find_model, state_from_dict, state_to_dict
 
@@ -341,8 +341,8 @@ class PosingSession(PinEdits, Molding):
 
     @edit
     def reset(self):
-        """Back to the neutral face without pins; beta, gamma and limit stay."""
-        return self._solved(**self.state.bare(np.zeros_like(self.state.c_0)))
+        """Back to the neutral face without pins, looking ahead; beta, gamma and limit stay."""
+        return self._solved(**self.state.bare(np.zeros_like(self.state.c_0)), gaze=(0.0, 0.0))
 
     @edit
     def reset_region(self, region):
@@ -389,16 +389,19 @@ class PosingSession(PinEdits, Molding):
         return self._solved(**changes)
 
     @edit(over=())
-    def apply(self, coefficients):
+    def apply(self, coefficients, gaze=None):
         """Pose with these coefficients, counted from the neutral; pins are taken away.
 
         Parameters
         ----------
         coefficients : array_like of shape (P,)
             Of a rig: weights, 0 to 1.
+        gaze : array_like of shape (2,), optional
+            As `PoseState` has it; it stays as it is if left out.
         """
         n = self._solver.n_coefficients
-        return self._applied(as_finite(coefficients, "coefficients", (n,)))
+        state = self._applied(as_finite(coefficients, "coefficients", (n,)))
+        return state if gaze is None else replace(state, gaze=check_gaze(gaze))
 
     def _applied(self, c):
         self._solver.check(c)
@@ -430,7 +433,8 @@ class PosingSession(PinEdits, Molding):
             If the mirror map leaves vertices without a partner.
         """
         x = self._face.mirrored(self.vertices - self.neutral.vertices)
-        return self._applied(self._solver.encode(x[None])[0])
+        left, up = self.state.gaze
+        return replace(self._applied(self._solver.encode(x[None])[0]), gaze=(0.0 - left, up))
 
     @edit
     def copy_side(self, side):

@@ -7,6 +7,7 @@ import numpy as np
 
 from facelab.checks import as_finite, check_number
 from facelab.posing.fingerprint import differs, fingerprint
+from facelab.posing.ranges import check_gaze
 from facelab.posing.stored import check_entries, entry
 
 _STORED = "model", "beta", "gamma", "limit", "pins", "c_0", "molded", "coefficients"
@@ -49,6 +50,9 @@ class PoseState:
         Pins that are not drawn; they hold all the same.
     called : mapping of int to str
         Names given to pins.
+    gaze : (float, float)
+        Degrees that both eyes are turned by hand, to the person's left and up, beyond what the
+        skin around them says.
     """
 
     model: object = field(repr=False)
@@ -63,6 +67,7 @@ class PoseState:
     limit: float | None = None
     hidden: frozenset = frozenset()
     called: MappingProxyType = field(default_factory=dict)
+    gaze: tuple = (0.0, 0.0)
 
     def __post_init__(self):
         pins = {v: frozen_copy(t) for v, t in self.pins.items()}
@@ -72,6 +77,7 @@ class PoseState:
         values = {name: MappingProxyType(value) for name, value in values.items()}
         for name in ("c_0", "coefficients", "molded"):
             values[name] = frozen_copy(getattr(self, name))
+        values["gaze"] = tuple(float(degrees) for degrees in self.gaze)
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -113,6 +119,7 @@ class PoseState:
             self.model is other.model
             and (self.beta, self.gamma, self.limit) == (other.beta, other.gamma, other.limit)
             and (self.locked, self.hidden) == (other.locked, other.hidden)
+            and self.gaze == other.gaze
             and (self.weights, self.called) == (other.weights, other.called)
             and self.pins.keys() == other.pins.keys()
             and all(np.array_equal(t, other.pins[v]) for v, t in self.pins.items())
@@ -143,6 +150,7 @@ def state_to_dict(state):
         "c_0": state.c_0.tolist(),
         "molded": state.molded.tolist(),
         "coefficients": state.coefficients.tolist(),
+        **({"gaze": list(state.gaze)} if any(state.gaze) else {}),
     }
 
 
@@ -154,7 +162,7 @@ def state_from_dict(stored, session, models=()):
     ValueError, TypeError
         For what is missing, of another kind, not finite, or there twice.
     """
-    check_entries(stored, _STORED)
+    check_entries(stored, (*_STORED, "gaze"))
     pins, weights, locked, hidden, called = {}, {}, set(), set(), {}
     for pin in entry(stored, "pins", list):
         v = entry(pin, "vertex", int)
@@ -176,6 +184,8 @@ def state_from_dict(stored, session, models=()):
     limit = limit if limit is None else check_number(limit, "limit")
     kept = {"weights": weights, "locked": frozenset(locked), "limit": limit}
     kept |= {"hidden": frozenset(hidden), "called": called}
+    if "gaze" in stored:
+        kept["gaze"] = check_gaze(entry(stored, "gaze", list))
     return PoseState(model, pins, beta, gamma, **arrays, **kept)
 
 

@@ -21,6 +21,7 @@ from facelab.posing.session import PosingSession
 from facelab.widgets.expression_parts import AlphaCurve, UnitBars
 from facelab.widgets.lab import WIDTH, Lab, button, row
 from facelab.widgets.page import path_in, quiet, shows_errors, uploaded, written
+from facelab.widgets.parts import Sliders
 from facelab.widgets.pins import PinPanel
 from facelab.widgets.step_words import expression_step
 from facelab.widgets.thumbnail import Thumbnails
@@ -29,6 +30,7 @@ from facelab.widgets.viewer import FaceView
 _COLORS = "YlGnBu"
 _PICTURE = (60, 66)  # pixels
 _UNITS_OF_LENGTH = {"own": None, "mm": 1.0, "cm": 10.0, "m": 1000.0}
+_LAMS = 1e-3, 10.0  # mm: ends of the slider
 _KEYS = {"Z": "undo", "Y": "redo", "B": "best sum of the weights"}
 _HINT = (
     "Left: the sketch. Drag a point of it to change it; drag beside it to turn both faces. "
@@ -128,11 +130,11 @@ class ExpressionLab(Lab):
         self.bars = UnitBars(units, self._edit)
         self.curve = AlphaCurve(ALPHAS, self._choose_alpha)
         wide = {"style": {"description_width": "96px"}, "layout": {"width": WIDTH}}
-        self.lam = widgets.FloatLogSlider(
-            value=self._lam_shown(), min=-3, max=1, step=0.05, readout_format=".3g",
-            description="Hold sum λ (mm)", **wide,
-        )  # fmt: skip
-        self.lam.tooltip = "How strongly the sum of the weights is held to α"
+        self.lam = Sliders(self._slide)
+        tip = "How strongly the sum of the weights is held to α"
+        name = {"id": "lam", "name": "Hold sum λ (mm)", "tip": tip}
+        self.lam.items = [{**name, "low": _LAMS[0], "high": _LAMS[1], "log": True}]
+        self.lam.color = "#0072b2"
         self.bounds = widgets.Dropdown(options=list(BOUNDS), description="Weights", **wide)
         self.bounds.tooltip = "Between which ends the weights may lie"
         self.criterion = widgets.Dropdown(options=CRITERIA, description="Best by", **wide)
@@ -204,7 +206,6 @@ class ExpressionLab(Lab):
         }
         self._lay_out([self._views], above, panels, reactions, _KEYS)
         for control, react in (
-            (self.lam, self._slide),
             (self.bounds, self._choose),
             (self.criterion, self._choose),
             (self.align, self._choose),
@@ -226,9 +227,6 @@ class ExpressionLab(Lab):
         name = self._place_of(self.session.state.origin)[0]
         return [*self.sketches] if name in self.sketches else [name, *self.sketches]
 
-    def _lam_shown(self):
-        return float(np.clip(self.session.state.lam, 1e-3, 10))
-
     # --- what is shown ----------------------------------------------------------------------------
 
     def refresh(self):
@@ -246,7 +244,6 @@ class ExpressionLab(Lab):
             if frame is not None:
                 self.frame.max = self.sketches[name].n_frames - 1
                 self.frame.value = frame
-            self.lam.value = self._lam_shown()
             self.bounds.value, self.criterion.value = state.bounds, state.criterion
             self.align.value, self.clamp.value = state.align is True, state.clamp
             self._show_history()
@@ -316,6 +313,7 @@ class ExpressionLab(Lab):
         weights = np.round(session.weights, 4)
         self.bars.weights = weights.tolist()
         self.bars.states = [self._state_of(name) for name in session.names]
+        self.lam.values = [float(max(session.state.lam, _LAMS[0]))]  # 0 has no place on it
         with quiet(self), self.curve.hold_sync():
             if fit.rms is not self._rms:
                 self._rms, self.curve.rms = fit.rms, np.round(fit.rms, 4).tolist()
@@ -453,10 +451,8 @@ class ExpressionLab(Lab):
         self._show_history()
 
     @_own
-    def _slide(self, change):
-        # the page rounds a value to its slider's grid and sends it back: that is no edit
-        if not self.settling and abs(np.log10(change["new"] / self._lam_shown())) > 0.02:
-            self._set(lam=change["new"])
+    def _slide(self, _, lam):
+        self._set(lam=lam)
 
     @_own
     def _choose(self, _):

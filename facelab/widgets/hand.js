@@ -120,6 +120,7 @@ class Hand {
     this.let = new Map(); // pulls let go of, which the kernel has not dealt with yet
     this.under = null; // what is under the mouse
     this.lastPin = null;
+    this.chosen = null; // the pin that Tab has come to
     this.rested = performance.now();
     this.listening = new AbortController();
     this.stage.facelab = this; // for who wants to look in from outside
@@ -159,6 +160,7 @@ class Hand {
     on(stage, "pointerup", this.up, capture);
     on(stage, "pointercancel", this.up, capture);
     on(stage, "pointerleave", () => this.hover(null));
+    on(stage, "focusout", () => this.choose(null));
     // what the hand has taken does not turn the camera
     for (const name of ["mousedown", "touchstart"])
       on(stage, name, (event) => this.taken && event.stopPropagation(), capture);
@@ -349,6 +351,7 @@ class Hand {
   down(event) {
     if (event.target.closest("button")) return;
     this.endSteps();
+    this.choose(null);
     this.taken = false;
     this.stage.querySelector("canvas")?.focus({ preventScroll: true });
     if (event.button || event.ctrlKey || !this.model.get("grabs") || this.drag) return;
@@ -435,13 +438,50 @@ class Hand {
 
   // --- keys and wheel -----------------------------------------------------------------------------
 
+  // The vertices of the pins, where keys may work on them; none while the mouse has one.
+  pinned() {
+    const free = this.model.get("grabs") && this.model.get("takes_pins") && (!this.drag || this.stepping);
+    return free ? this.model.get("pins").map(([vertex]) => vertex) : [];
+  }
+
+  // Tab goes from pin to pin, and past the last one on to what follows the face.
+  tab(event) {
+    const pins = this.pinned();
+    const at = pins.indexOf(this.chosen) + (event.shiftKey ? -1 : 1);
+    this.endSteps();
+    if (event.altKey || event.ctrlKey || event.metaKey || at >= pins.length || at < -1) return this.choose(null);
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    this.choose(at < 0 ? null : pins[at]);
+  }
+
+  choose(vertex) {
+    if (vertex === this.chosen) return;
+    this.chosen = vertex;
+    const pins = this.pinned();
+    if (vertex === null) this.say("");
+    else {
+      this.lastPin = vertex;
+      const [x, y] = this.onCanvas(this.model.get("pins")[pins.indexOf(vertex)][1], this.lens());
+      const { left, top } = this.box();
+      this.say(`pin ${pins.indexOf(vertex) + 1} of ${pins.length}: ${this.nameOf(vertex)}`, { x: left + x, y: top + y });
+    }
+    this.redraw();
+  }
+
   key(event) {
+    const here = document.activeElement?.localName === "canvas" && this.stage.contains(document.activeElement);
+    if (here && event.key === "Tab") return this.tab(event);
+    if (here && event.key === "Escape" && this.chosen !== null) {
+      event.stopImmediatePropagation();
+      return this.choose(null);
+    }
     const ways = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
     const way = ways[event.key];
-    if (!way || !this.stage.contains(document.activeElement) || !this.model.get("grabs")) return;
-    const pins = this.model.get("pins").map(([vertex]) => vertex);
+    if (!way || !this.stage.contains(document.activeElement)) return;
+    const pins = this.pinned();
     const vertex = pins.includes(this.lastPin) ? this.lastPin : pins.at(-1);
-    if (vertex === undefined || (this.drag && !this.stepping)) return;
+    if (vertex === undefined) return;
     event.preventDefault();
     event.stopImmediatePropagation();
     if (!this.stepping) {
@@ -565,11 +605,13 @@ class Hand {
       drawn.push({ vertex, target: start, color: "#ffd900", held: true });
     }
     for (const { vertex, target, color, held: always } of drawn) {
-      if (!always && !this.seen(vertex, lens)) continue;
+      const chosen = vertex === this.chosen;
+      if (!always && !chosen && !this.seen(vertex, lens)) continue;
       const at = row(this.skin.X, vertex);
       const lit = always || (this.under?.pin && this.under.vertex === vertex);
       const [[x1, y1], [x2, y2]] = [place(at), place(target)];
       made.push(element("line", { x1, y1, x2, y2 }));
+      if (chosen) dot_(target, 10, "none", { class: "facelab-chosen-pin" });
       dot_(at, lit ? 4.5 : 3.5, "#0d0d0d");
       dot_(target, lit ? 6.5 : 4.5, color, { class: "facelab-pin", "data-vertex": vertex });
     }
@@ -584,8 +626,8 @@ class Hand {
     const canvas = this.stage.querySelector("canvas");
     if (!canvas || canvas.hasAttribute("tabindex")) return;
     const label = this.model.get("grabs")
-      ? "Face. Pull the skin with the mouse; arrow keys move the last pin by half a millimetre, "
-        + "with Shift by two."
+      ? "Face. Pull the skin with the mouse. Tab goes from pin to pin; arrow keys move a pin by half "
+        + "a millimetre, with Shift by two."
       : "Face. Turn it with the mouse.";
     const attributes = { tabindex: 0, role: "application", "aria-label": label };
     for (const [key, value] of Object.entries(attributes)) canvas.setAttribute(key, value);

@@ -102,11 +102,12 @@ class LandmarkPicker(Page):
                 self.list,
                 row(self.undo, self.guess, self.upload, self.name, self.save),
                 *(self._verdict, self._message, self._result),
-            ],
-            layout={"width": "330px", "padding": "0 0 0 12px"},
+            ]
         )
         left = widgets.VBox([self.view.widget, self._status])
-        self.widget = widgets.HBox([left, side], layout={"flex_flow": "row wrap"})
+        left.add_class("facelab-stage")
+        side.add_class("facelab-side")
+        self.widget = widgets.HBox([left, side])
         self.widget.add_class(ROOT)
         self.wanted = next((n for n in names if n not in own), names[0])
         self.refresh()

@@ -17,7 +17,12 @@ from markupsafe import Markup
 
 from facelab.widgets.thumbnail import captioned
 
-_ASLEEP = "not running. Press Run (Shift and Enter)."
+ASLEEP = "not running. Press Run (Shift and Enter)."
+"""What a page says in a notebook that does not run."""
+STILL = "facelab-still"
+"""Class of the picture that stands for it there."""
+# beside it JupyterLab would say that it knows no such widget; where it trusts a notebook, not
+_UNSAID = f".jp-OutputArea:has(.{STILL}) .jupyter-widgets:not(:has(*)) {{ display: none; }}"
 _LINKED_BYTES = 12e6  # larger files get no link in the page
 
 
@@ -78,7 +83,7 @@ class Page:
         self._message = widgets.HTML()
 
     def _repr_mimebundle_(self, **kwargs):
-        still = {"text/plain": f"{type(self).__name__}: {_ASLEEP}"}
+        still = {"text/plain": f"{type(self).__name__}: {ASLEEP}"}
         return {**self.widget._repr_mimebundle_(**kwargs), **still}
 
     def _ipython_display_(self):
@@ -87,9 +92,9 @@ class Page:
         The style of the page hides that picture while the page is there (`parts.css`).
         """
         if hasattr(self, "picture"):
-            picture = captioned(self.picture(), f"{type(self).__name__}: {_ASLEEP}")
-            html = '<div class="facelab-still"><img alt="{}" src="data:image/png;base64,{}"></div>'
-            display(HTML(markup(html, _ASLEEP, picture)))
+            picture = captioned(self.picture(), f"{type(self).__name__}: {ASLEEP}")
+            html = '<style>{}</style><div class="{}"><img alt="{}" src="data:image/png;base64,{}"></div>'
+            display(HTML(markup(html, _UNSAID, STILL, ASLEEP, picture)))
         display(self._repr_mimebundle_(), raw=True)
 
     def say(self, text):

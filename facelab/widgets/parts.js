@@ -178,26 +178,30 @@ function sliders({ model, el }) {
     const focused = rows.findIndex(({ made }) => made.contains(document.activeElement));
     const was = rows[focused]?.item.id;
     rows = model.get("items").map((item) => {
+      // where a value is along the way of the handle, and back
+      const [along, back] = item.log ? [Math.log10, (at) => Number((10 ** at).toPrecision(3))] : [(x) => x, (x) => x];
       const made = element("div", "facelab-slider");
       made.title = item.tip;
       made.append(element("span", "facelab-slider-name", item.name));
-      const field = (type, step) => {
+      const field = (type, step, low, high) => {
         const input = element("input", "");
-        Object.assign(input, { type, min: item.low, max: item.high, step });
+        Object.assign(input, { type, min: low, max: high, step });
         input.setAttribute("aria-label", item.name);
         made.append(input);
         return input;
       };
-      const range = field("range", 0.01);
-      const number = field("number", "any");
+      const range = field("range", 0.01, along(item.low), along(item.high));
+      const number = field("number", "any", item.low, item.high);
       const row = { item, made, show: (value) => {
         // a pose may be beyond the usual ends
-        range.min = Math.min(item.low, value);
-        range.max = Math.max(item.high, value);
-        range.value = value;
-        if (document.activeElement !== number) number.value = value.toFixed(2);
+        range.min = along(Math.min(item.low, value));
+        range.max = along(Math.max(item.high, value));
+        range.value = along(value);
+        const shown = item.log ? String(Number(value.toPrecision(3))) : value.toFixed(2);
+        range.setAttribute("aria-valuetext", shown);
+        if (document.activeElement !== number) number.value = shown;
       } };
-      range.addEventListener("input", () => tell(row, Number(range.value)));
+      range.addEventListener("input", () => tell(row, back(Number(range.value))));
       range.addEventListener("pointerdown", () => {
         gripped = true;
         window.addEventListener("pointerup", () => { gripped = false; settle(); }, { once: true });

@@ -96,8 +96,9 @@ class Sliders(Part):
     Attributes
     ----------
     items : list of dict
-        id, name, tip, low and high of each, from the top. By hand none goes beyond low and high;
-        a value that is beyond is shown as it is.
+        id, name, tip, low and high of each, from the top; and log, if equal ways of the handle are
+        equal factors. By hand none goes beyond low and high; a value that is beyond is shown as it
+        is.
     values : list of float
         Of the items.
     color : str

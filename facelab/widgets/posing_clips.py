@@ -154,6 +154,12 @@ class ClipPanel(Panel):
     def _take_fps(self):
         return self._forms(self.source.value)[0].fps
 
+    @property
+    def gaze(self):
+        """Where the eyes look at the moment on the slider, (2,); with a take, as in the pose."""
+        on_keys = self.source.value == _KEYS and self.clip is not None
+        return self.clip.gaze_at(self.seconds) if on_keys else self.session.state.gaze
+
     def _coefficients(self):
         """Of the moment on the slider, shape (P,)."""
         if self.source.value == _KEYS:
@@ -193,13 +199,12 @@ class ClipPanel(Panel):
     @shows_errors
     def _ease(self, change):
         if self.clip is not None and not self.settling:
-            clip = Clip(self.clip.times, self.clip.poses, change["new"], self.clip.names)
-            self.set_clip(clip, self.model)
+            self.set_clip(self.clip.with_easing(change["new"]), self.model)
 
     def _pose_frame(self):
-        coefficients = self._coefficients()
+        coefficients, gaze = self._coefficients(), self.gaze
         self._leave()
-        self.session.apply(coefficients)
+        self.session.apply(coefficients, gaze)
 
     @shows_errors
     def _press(self, button):

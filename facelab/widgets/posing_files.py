@@ -10,6 +10,7 @@ from facelab.files.obj import write_obj
 from facelab.files.ply import write_ply
 from facelab.files.poses import load_clip, load_pose, save_clip, save_pose
 from facelab.files.takes import write_live_link_csv
+from facelab.looks import turn_eyes
 from facelab.motion import WeightSequence
 from facelab.widgets.lab import WIDTH, Panel, row
 from facelab.widgets.page import markup, path_in, shows_errors, uploaded, written
@@ -91,11 +92,12 @@ class FilePanel(Panel):
         session, clip = self.session, self.lab.clip
         posed = session.neutral.with_vertices(session.vertices)
         props = self.lab.props if self.with_props.value else ()
+        turned = turn_eyes(props, session.state.gaze)
         write = {
             self.save: (".json", lambda path: save_pose(path, session)),
             self.obj: (".obj", lambda path: write_obj(path, posed)),
             self.ply: (".ply", lambda path: write_ply(path, posed)),
-            self.glb: (".glb", lambda path: write_glb(path, posed, props=props)),
+            self.glb: (".glb", lambda path: write_glb(path, posed, props=turned)),
             self.save_clip: (".clip.json", lambda path: save_clip(path, self._clip(), session)),
             self.clip_glb: (
                 ".clip.glb",

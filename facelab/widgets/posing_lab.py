@@ -190,7 +190,7 @@ class PosingLab(Lab):
 
     def picture(self):
         """The face as it is, for where the lab does not run: bytes of a PNG."""
-        return Thumbnails(self.mesh, self.props, *_STILL).png(self.vertices)
+        return Thumbnails(self.mesh, self.props, *_STILL).png(self.vertices, self.gaze)
 
     @property
     def pinned(self):
@@ -302,6 +302,7 @@ class PosingLab(Lab):
     def show(self):
         """Show the pose, or the frame of a clip that is on."""
         for view, session in self._answers:
+            view.gaze = self.gaze
             view.show(self.vertices if session is self.session else session.vertices)
         self._show_pins()
 
@@ -319,6 +320,11 @@ class PosingLab(Lab):
     def vertices(self):
         """Vertices on screen in the first view, shape (n_vertices, 3), millimetres."""
         return self.session.vertices if self.frame is None else self.frame()
+
+    @property
+    def gaze(self):
+        """Where the eyes on screen are turned, beyond what the skin says: see `PoseState`."""
+        return self.session.state.gaze if self.frame is None else self.clip.gaze
 
     @property
     def views(self):

@@ -6,7 +6,7 @@ from pathlib import Path
 import ipywidgets as widgets
 
 from facelab.files.poses import load_library, save_library
-from facelab.posing.clips import interpolate
+from facelab.posing.clips import interpolate, interpolate_gaze
 from facelab.posing.fingerprint import fingerprint
 from facelab.widgets.lab import WIDTH, Panel, button, row
 from facelab.widgets.page import markup, quiet, shows_errors
@@ -85,7 +85,8 @@ class StripPanel(Panel):
     def _put(self, name, state):
         V = self.session.vertices_in(state)
         self.poses[name] = state
-        self._pictures[name] = base64.b64encode(self.lab.thumbnails.png(V)).decode()
+        picture = self.lab.thumbnails.png(V, state.gaze)
+        self._pictures[name] = base64.b64encode(picture).decode()
 
     def add(self, name=""):
         """Add the pose on screen to the library; one of the same name is replaced."""
@@ -170,4 +171,5 @@ class StripPanel(Panel):
         a, b = self.poses[self.a.value], self.poses[self.b.value]
         with self.session.group("blend"):
             self.session.use(a.model)
-            self.session.apply(interpolate(a, b, change["new"]))
+            share = change["new"]
+            self.session.apply(interpolate(a, b, share), interpolate_gaze(a, b, share))

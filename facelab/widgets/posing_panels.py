@@ -5,6 +5,7 @@ import matplotlib
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 
+from facelab.looks.gaze import WIDEST
 from facelab.plotting import SKIN, region_colors
 from facelab.widgets.lab import WIDTH, Panel, button, row, toggle
 from facelab.widgets.pace import Pace
@@ -16,6 +17,10 @@ _PREFERRED = (1, 1.25, 1.6, 2, 2.5, 3.2, 4, 5, 6.3, 8)  # ten equal steps of a d
 _LIMIT = 3.0  # standard deviations
 _MOLD = {"beta": 0.01, "gamma": 1.0}
 _PLAIN = "#9aa5b1"
+_GAZE = (
+    ("left", "eyes, right to left", "Both eyes to the person's left (+) or right (-), degrees"),
+    ("up", "eyes, down to up", "Both eyes up (+) or down (-), degrees"),
+)
 _GAUGE = (
     (2, "#2c7fb8"),
     (3.5, "#d98b00"),
@@ -111,9 +116,16 @@ class ShapePanel(Panel):
         )
         self.sorted = toggle("Strongest first", "Order the sliders by what they do to the pose now")
         self._title = widgets.HTML()
-        self.sliders = Sliders(self._slide)
+        self.sliders, self.gaze = Sliders(self._slide), Sliders(self._look)
+        self.gaze.items = [
+            {"id": name, "name": text, "tip": tip, "low": -WIDEST, "high": WIDEST}
+            for name, text, tip in _GAZE
+        ]
+        self.gaze.color = _PLAIN
+        if not any(getattr(prop, "look", None) for prop in self.lab.props):
+            self.gaze.layout.display = "none"  # no eyes, or still ones of a file
         head = row(self._title, self.sorted, self.mold, self.neutral)
-        self.widget = widgets.VBox([self.regions, head, self.sliders])
+        self.widget = widgets.VBox([self.gaze, self.regions, head, self.sliders])
         self.mold.observe(self._relax, names="value")
         self.sorted.observe(lambda _: self.refresh(), names="value")
 
@@ -135,6 +147,7 @@ class ShapePanel(Panel):
         if not session.beta == _MOLD["beta"]:
             with quiet(self):
                 self.mold.value = False
+        self.gaze.values = np.round(session.gaze, 3).tolist()
         said, order = self.slider_names(self.region), self._order()
         values, ranges = session.slider_values(self.region), session.mold_ranges(self.region)
         with self.sliders.hold_sync():
@@ -189,6 +202,12 @@ class ShapePanel(Panel):
         region, k = map(int, slider.split())
         with self.session.group(f"mold {slider}"):
             self.session.slide(region, k, value)
+
+    @shows_errors
+    def _look(self, way, degrees):
+        gaze = dict(zip(("left", "up"), self.session.gaze.clip(-WIDEST, WIDEST), strict=True))
+        with self.session.group(f"look {way}"):
+            self.session.look(**{**gaze, way: degrees})
 
     @shows_errors
     def _relax(self, change):

@@ -4,7 +4,7 @@ import numpy as np
 import pythreejs as three
 
 from facelab.geometry.mesh import vertex_normals
-from facelab.looks import followed, lids_off
+from facelab.looks import followed, lids_off, turn_eyes
 
 
 class PropMeshes:
@@ -18,17 +18,20 @@ class PropMeshes:
     Attributes
     ----------
     meshes : list of pythreejs.Mesh
+    gaze : array_like of shape (2,)
+        Where eyes look when they next follow, see `facelab.looks.turn_eyes`.
     """
 
     def __init__(self, props):
         self.meshes, self._moving, self._all = [], [], list(props)
+        self.gaze = 0.0, 0.0
         for prop in self._all:
             mesh, colors = prop
             position, normal = (
                 three.BufferAttribute(_f32(x)) for x in (mesh.vertices, mesh.normals)
             )
             self.meshes.append(_mesh(prop, mesh, colors, position, normal))
-            if getattr(prop, "move", None) is not None:
+            if getattr(prop, "move", None) or getattr(prop, "look", None):
                 self._moving.append((prop, mesh.faces, position, normal))
 
     def lids_off(self, vertices):
@@ -38,7 +41,8 @@ class PropMeshes:
     def follow(self, vertices):
         """Move them with a face at `vertices`, shape (n, 3), millimetres."""
         for prop, faces, position, normal in self._moving:
-            V = _f32(followed(prop, vertices))
+            (turned,) = turn_eyes([prop], self.gaze)
+            V = _f32(followed(turned, vertices))
             if not np.array_equal(V, position.array):  # nothing is sent of what rests
                 position.array, normal.array = V, _f32(vertex_normals(V, faces))
 

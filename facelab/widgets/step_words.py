@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from facelab.looks.gaze import look_units
+
 
 def pose_step(before, after, name_of, models):
     """What led from one `PoseState` to the next.
@@ -34,11 +36,21 @@ def pose_step(before, after, name_of, models):
         a, b = getattr(before, name), getattr(after, name)
         if a != b:
             return f"{text} {name_of(_differing(a, b))}"
+    if before.gaze != after.gaze and np.array_equal(before.coefficients, after.coefficients):
+        return "eyes"
     if not gone and not np.array_equal(before.molded, after.molded):
-        return "slider"
+        return "eyes" if _only_looks(before, after) else "slider"
     if np.array_equal(before.coefficients, after.coefficients):
         return "pins baked"
     return "another pose" if after.coefficients.any() else "reset"
+
+
+def _only_looks(before, after):
+    """Whether only look shapes of a rig were moved by hand."""
+    if not after.model.named:
+        return False
+    looks = look_units(after.model.component_names(0)).any(axis=(0, 2))
+    return not (before.molded != after.molded)[~looks].any()
 
 
 def expression_step(before, after, name_of):

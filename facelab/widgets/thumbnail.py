@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image, ImageDraw
 
 from facelab.geometry.mesh import vertex_normals
-from facelab.looks import Lining, followed
+from facelab.looks import Lining, followed, turn_eyes
 from facelab.plotting import SKIN
 
 _LIGHT = np.array([-0.28, 0.42, 0.86])
@@ -47,13 +47,16 @@ class Thumbnails:
         self._middle = (low + high) / 2
         self._scale = min(np.array([width, height]) / (high - low)) / 1.12  # pixels per mm
 
-    def png(self, vertices):
-        """The face at these positions, shape (n_vertices, 3), millimetres, as bytes of a PNG."""
+    def png(self, vertices, gaze=(0.0, 0.0)):
+        """The face at these positions, shape (n_vertices, 3), millimetres, as bytes of a PNG.
+
+        `gaze` is where its eyes look, see `facelab.looks.turn_eyes`.
+        """
         lining = self._lining
         skin = np.tile(to_rgb(SKIN), (len(vertices), 1))
         parts = [(vertices, self._mesh.faces, skin, 1.0)]
         parts.append((lining.vertices(vertices), lining.faces, lining.colors, 0.0))
-        for prop in self._props:
+        for prop in turn_eyes(self._props, gaze):
             mesh, colors = prop
             parts.append((followed(prop, vertices), mesh.faces, colors, 1.0))
         drawn = [self._fragments(*part) for part in parts]

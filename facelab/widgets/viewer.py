@@ -59,6 +59,8 @@ class FaceView:
         nothing. Set them before the view is shown.
     lids_off : bool
         Whether lids that would cut an eye are shown outside of it.
+    gaze : array_like of shape (2,)
+        Where the eyes look from the next `show` on, see `facelab.looks.turn_eyes`.
     look : {"skin", "texture", "wireframe"}
         What the face is drawn with: its colours, the picture of its mesh's `texture`, or edges.
 
@@ -406,6 +408,14 @@ class FaceView:
             self._ghost.geometry.attributes["position"].array = _f32(vertices)
         if self._ghost is not None:
             self._ghost.visible = vertices is not None
+
+    @property
+    def gaze(self):
+        return self._props.gaze
+
+    @gaze.setter
+    def gaze(self, gaze):
+        self._props.gaze = gaze
 
     def carry_props(self, vertices):
         """Move eyes and teeth with the face, at (n_vertices, 3), while the page draws its skin."""

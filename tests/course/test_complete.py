@@ -58,3 +58,28 @@ def test_a_notebook_gets_its_own_picture_and_that_of_another(tmp_path):
     complete(tmp_path / "notebooks" / "01_own.ipynb")
     held = nbformat.read(tmp_path / "notebooks" / "01_own.ipynb", 4).cells[0].attachments
     assert set(held) == {"picture.png", "02.png"}
+
+
+def test_views_of_widgets_are_left_out_where_no_kernel_runs(tmp_path):
+    def shown(data):
+        return nbformat.v4.new_output("display_data", data)
+
+    def view(text):
+        data = {"application/vnd.jupyter.widget-view+json": {"model_id": "1"}, "text/plain": text}
+        return shown(data)
+
+    asleep = "Player: not running. Press Run (Shift and Enter)."
+    still = shown({"text/html": '<div class="facelab-still"></div>'})
+    table = shown({"text/html": "<table></table>", "text/plain": "a table"})
+    bar = view("actors:  50%|#####     | 2/4")
+    marked = "# NBVAL_CHECK_OUTPUT"
+    cells = [("a", [still, view(asleep)]), ("b", [bar, view(asleep)]), ("c", [bar, table])]
+    cells = [
+        nbformat.v4.new_code_cell(source, outputs=outputs)
+        for source, outputs in [*cells, (marked, [bar])]
+    ]
+    path = tmp_path / "01_own.ipynb"
+    nbformat.write(nbformat.v4.new_notebook(cells=cells), path)
+    complete(path)
+    left = [[dict(o.data) for o in cell.outputs] for cell in nbformat.read(path, 4).cells]
+    assert left == [[still.data], [{"text/plain": asleep}], [table.data], [bar.data]]

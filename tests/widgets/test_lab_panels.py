@@ -14,6 +14,8 @@ from facelab.expression.session import ExpressionSession
 from facelab.files.poses import load_library, save_library
 from facelab.files.takes import read_live_link_csv
 from facelab.geometry.mesh import TriangleMesh
+from facelab.looks import face_props, followed, turn_eyes
+from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.posing.session import PosingSession
 from facelab.rig import BlendshapeRig
@@ -182,6 +184,56 @@ def test_a_component_says_what_it_moves_and_how_much(lab, monkeypatch):
     shares = [int(re.fullmatch(r"moved True, (\d+)\u00a0%", text)[1]) for text in said]
     assert shares == sorted(shares, reverse=True) and 97 <= sum(shares) <= 103
     assert "mm for one standard deviation" in lab.shape.sliders.items[0]["tip"]
+
+
+@pytest.fixture(scope="module")
+def seeing():
+    """A lab of a face with eyes."""
+    face = facelab.load_template(4375)
+    X = np.random.default_rng(0).normal(size=(4, 3 * face.n_vertices))
+    session = PosingSession(HolisticModel(2).fit(X), face)
+    return PosingLab(session, props=face_props(face))
+
+
+def slide(part, item, value):
+    part._handle_custom_msg({"item": item, "value": value, "asked": 1}, [])
+
+
+def test_two_sliders_turn_both_eyes_in_view_picture_library_and_clip(seeing, tmp_path):
+    lab, session = seeing, seeing.session
+    eye, still = lab.view._props.meshes[0], lab.picture()
+    drawn = eye.geometry.attributes["position"]
+    ahead = drawn.array
+    slide(lab.shape.gaze, "left", 10)
+    slide(lab.shape.gaze, "left", 20)
+    slide(lab.shape.gaze, "up", -10)
+    assert session.state.gaze == (20, -10) and lab.shape.gaze.values == [20, -10]
+    assert session.n_undo == 2, "each slider is a step"
+    wanted = followed(turn_eyes(lab.props, (20, -10))[0], session.vertices)
+    np.testing.assert_allclose(drawn.array, wanted, atol=1e-4)
+    assert [item["name"] for item in lab.steps.list.items] == ["eyes", "eyes", "the start"]
+    assert lab.picture() != still
+    lab.strip.path = tmp_path / "poses.library.json"
+    lab.strip.add("aside")
+    assert lab.strip._pictures["aside"] != lab.strip._pictures["neutral"]
+    lab.clip._add_key()
+    session.reset()
+    np.testing.assert_array_equal(drawn.array, ahead)
+    lab.clip.slider.value = 50
+    lab.clip._add_key()
+    lab.clip.slider.value = 25
+    assert lab.gaze == pytest.approx((10, -5))
+    halfway = followed(turn_eyes(lab.props, (10, -5))[0], session.vertices)
+    np.testing.assert_allclose(drawn.array, halfway, atol=1e-4)
+    lab.clip._pose_frame()
+    assert session.state.gaze == pytest.approx((10, -5))
+    lab.strip._react("choose", "aside")
+    assert session.state.gaze == (20, -10)
+
+
+def test_a_gaze_slider_is_out_of_sight_where_there_are_no_eyes(lab, seeing):
+    assert lab.shape.gaze.layout.display == "none"
+    assert seeing.shape.gaze.layout.display is None
 
 
 def test_half_a_face_is_mirrored_by_button(lab):
