@@ -11,6 +11,7 @@ WAIT = 20.0
 _LOCAL = {
     "distributed.scheduler.allowed-failures": 1,  # what kills two of them is the work, not chance
     "distributed.worker.memory.pause": False,  # one that only waits for memory may wait for ever
+    "distributed.worker.profile.enabled": False,  # looks at what runs a hundred times a second
 }
 
 

@@ -161,7 +161,7 @@ def test_a_take_too_large_for_a_worker_is_told_and_the_others_are_done():
         error = found.pop("much")[1]
         assert isinstance(error, scale.Killed)
         assert "want of memory" in str(error) and "shorter takes" in str(error)
-        assert found == {name: (name, None) for name in ('a', 'b')}
+        assert found == {name: (name, None) for name in ("a", "b")}
 
 
 def test_workers_that_stand_still_for_want_of_memory_are_started_anew(monkeypatch):
