@@ -21,39 +21,9 @@ alpha          anchor_weight         pull of the anchors of a deformation     Yu
 ============== ===================== ======================================== ================
 """
 
+import importlib
+import importlib.util
 import warnings
-
-from facelab import (
-    data,
-    expression,
-    files,
-    geometry,
-    models,
-    numeric,
-    posing,
-    registration,
-    segmentation,
-    studies,
-)
-from facelab.data import (
-    DataUnavailable,
-    load_example,
-    load_ict_facekit,
-    load_markers,
-    load_registered,
-    load_take,
-    load_template,
-)
-from facelab.expression import ExpressionSession, IntermediateSpace, regress_expression
-from facelab.files import read_markers, read_mesh, read_rig, read_weights
-from facelab.geometry import TriangleMesh, bind_to_samples
-from facelab.models import HolisticModel, RegionModel, rms_error
-from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
-from facelab.pipeline import model_from_take
-from facelab.posing import PosingSession
-from facelab.registration import fit_markers, fit_scan, register_sequence
-from facelab.rig import BlendshapeRig
-from facelab.segmentation import segment_face
 
 __all__ = [
     "BlendshapeRig",
@@ -97,15 +67,66 @@ __all__ = [
     "studies",
 ]
 
+_ROOMS = (
+    "data",
+    "expression",
+    "files",
+    "geometry",
+    "models",
+    "numeric",
+    "posing",
+    "registration",
+    "segmentation",
+    "studies",
+)
+
+
+def _names():
+    """The names of `__all__`: imported at the first use of one, for it takes seconds."""
+    from facelab.data import (  # noqa: F401
+        DataUnavailable,
+        load_example,
+        load_ict_facekit,
+        load_markers,
+        load_registered,
+        load_take,
+        load_template,
+    )
+    from facelab.expression import ExpressionSession, IntermediateSpace, regress_expression  # noqa: F401
+    from facelab.files import read_markers, read_mesh, read_rig, read_weights  # noqa: F401
+    from facelab.geometry import TriangleMesh, bind_to_samples  # noqa: F401
+    from facelab.models import HolisticModel, RegionModel, rms_error  # noqa: F401
+    from facelab.motion import MarkerSequence, MotionSequence, WeightSequence  # noqa: F401
+    from facelab.pipeline import model_from_take  # noqa: F401
+    from facelab.posing import PosingSession  # noqa: F401
+    from facelab.registration import fit_markers, fit_scan, register_sequence  # noqa: F401
+    from facelab.rig import BlendshapeRig  # noqa: F401
+    from facelab.segmentation import segment_face  # noqa: F401
+
+    return locals()
+
 
 def __getattr__(name):
+    if name in __all__ and name not in _ROOMS:
+        globals().update(_names())
+        return globals()[name]
+    if not name.startswith("_") and importlib.util.find_spec(f"facelab.{name}"):
+        return importlib.import_module(f"facelab.{name}")
+    return _moved(name)
+
+
+def __dir__():
+    return sorted({*globals(), *__all__})
+
+
+def _moved(name):
     """Names that stood here before there were rooms are still found, with a word."""
-    if not name.startswith("_"):
-        for room in (data, expression, files, geometry, models, posing, registration, segmentation):
-            if name in getattr(room, "__all__", ()):
-                where = f"{room.__name__}.{name}"
-                warnings.warn(
-                    f"facelab.{name} is now {where}; use that.", DeprecationWarning, stacklevel=2
-                )
-                return getattr(room, name)
+    for room in () if name.startswith("_") else _ROOMS:
+        home = importlib.import_module(f"facelab.{room}")
+        if name in getattr(home, "__all__", ()):
+            where = f"{home.__name__}.{name}"
+            warnings.warn(
+                f"facelab.{name} is now {where}; use that.", DeprecationWarning, stacklevel=3
+            )
+            return getattr(home, name)
     raise AttributeError(f"facelab has no {name!r}; see dir(facelab) and its rooms.")

@@ -148,7 +148,11 @@ def keep(folder, key, make, read, spare=False):
                 stale = _new_part(folder)
                 folder.rename(stale / folder.name)
                 shutil.rmtree(stale, ignore_errors=True)
-            part.rename(folder)
+            try:
+                part.rename(folder)
+            except OSError:
+                if fault(folder, key) is not None:  # else, where there are no locks, as above
+                    raise
     return read(folder)
 
 

@@ -15,6 +15,9 @@ import numpy as np
 _PART = ".facelab-"  # how the names of unfinished files begin
 _LEFT_OVER = 3600.0  # seconds after which an unfinished file has lost its writer
 
+WAITS = (0.05, 0.1, 0.2, 0.4, 0.8) if os.name == "nt" else ()
+"""Seconds between attempts to replace a file: most programs look at one and close it."""
+
 _KINDS = "biufU"  # booleans, integers, floats, text
 _SQUEEZED = 1100  # deflate makes a thousandth of zeros, never less
 _SMALL = 2**28  # bytes that any file may take in memory
@@ -51,12 +54,30 @@ def atomic_path(path):
             shutil.copymode(target, part)
         with open(part, "rb+") as written:
             os.fsync(written.fileno())  # a name must not outlive its content
-        os.replace(part, target)
+        _replace(part, target, path)
     except BaseException as error:
         part.unlink(missing_ok=True)
         if isinstance(error, OSError) and error.errno in _FULL:
             raise _full(error.errno, path) from error
         raise
+
+
+def _replace(part, target, path):
+    """Put a file in the place of another, which Windows refuses while a program has that open."""
+    for wait in (*WAITS, None):
+        try:
+            return os.replace(part, target)
+        except PermissionError as error:
+            if wait is None:
+                raise PermissionError(
+                    f"path={str(path)!r}: the file that is there cannot be replaced; close it "
+                    "where it is open, allow replacing it, or choose another name."
+                ) from error
+            time.sleep(wait)
+        except OSError as error:
+            if error.errno == errno.EINVAL:  # a name that only Windows has none for: a:b, con
+                raise _no_path(Path(path), error) from error
+            raise
 
 
 def check_writable(path):

@@ -181,6 +181,21 @@ def test_downloads_go_elsewhere_too(read_only, monkeypatch):
     assert not folders[0].is_relative_to(read_only)
 
 
+def test_where_there_are_no_locks_the_faster_of_two_makers_is_read(tmp_path, monkeypatch):
+    rename, mine = Path.rename, []
+
+    def late(part, folder):  # another process has put its own there meanwhile
+        mine.append(part)
+        monkeypatch.setattr(Path, "rename", rename)
+        keep(folder, KEY, write, read)
+        raise FileExistsError(17, "as Windows has it")
+
+    monkeypatch.setattr(keeping, "fcntl", None)
+    monkeypatch.setattr(Path, "rename", late)
+    assert keep(tmp_path / "kept", KEY, write, read) == "first" and mine
+    assert [f.name for f in tmp_path.iterdir()] == ["kept"] and fault(tmp_path / "kept") is None
+
+
 # --- several processes ----------------------------------------------------------------------------
 
 CHILD = """

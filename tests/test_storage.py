@@ -199,6 +199,29 @@ def test_files_that_cannot_be_read_are_refused_at_once(tmp_path, monkeypatch):
         existing_file(tmp_path / "a", "pose")
 
 
+def test_a_file_that_is_open_elsewhere_is_replaced_once_it_is_closed(tmp_path, monkeypatch):
+    path, replace, tries = tmp_path / "a.txt", os.replace, []
+    path.write_text("old")
+
+    def held(part, target):  # as Windows has it
+        tries.append(part)
+        if len(tries) < 3:
+            raise PermissionError(13, "in use")
+        replace(part, target)
+
+    monkeypatch.setattr(os, "replace", held)
+    monkeypatch.setattr(storage, "WAITS", (0, 0))
+    with atomic_path(path) as part:
+        part.write_text("new")
+    assert path.read_text() == "new" and len(tries) == 3
+    tries.clear()
+    monkeypatch.setattr(storage, "WAITS", (0,))
+    with pytest.raises(PermissionError, match="a.txt.*close it where it is open"):
+        with atomic_path(path) as part:
+            part.write_text("newer")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"] and path.read_text() == "new"
+
+
 # --- a full disk ----------------------------------------------------------------------------------
 
 FULL = """

@@ -5,7 +5,6 @@ from facelab.cli.batch import UsageError
 from facelab.cli.inputs import MARKERS, MESHES, RIGS, WEIGHTS
 from facelab.cli.pose import WRITERS
 
-HELP = "one kind of file becomes another: meshes, weights, markers, rigs, motion"
 EXAMPLE = """\
 What is read follows from what is written: a mesh for OBJ, PLY and GLB, weights for CSV, markers for
 C3D, a rig for npz. With --rig a GLB keeps shapes. Motion (npz) becomes GLB.

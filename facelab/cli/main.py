@@ -1,25 +1,26 @@
 """The command `facelab`: arguments read, one command called, an exit code given back."""
 
 import argparse
+import importlib
 import sys
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from facelab.cli import convert, course, pose, read_units, register, segment, train, translate
+from facelab.cli import course
 from facelab.cli.batch import FAILED, STOPPED, WRONG, Report, UsageError, plan, run, told
-from facelab.cli.spread import on_workers
-from facelab.cli.terminal import complain, hushed
+from facelab.cli.terminal import complain, hushed, spell_out
 
 COMMANDS = {
-    "register": register,
-    "train": train,
-    "segment": segment,
-    "read-units": read_units,
-    "translate": translate,
-    "pose": pose,
-    "convert": convert,
+    "register": "takes of markers become a mesh in motion (npz), or an animated GLB",
+    "train": "takes (markers, motion, or weights with --rig) become a model (npz)",
+    "segment": "the face of a take cut into regions (npz or JSON), and a PLY in their colours",
+    "read-units": "sketches or motion on a rig's vertices become weights of its units (CSV)",
+    "translate": "takes of one rig become takes of another (CSV), with the error in millimetres",
+    "pose": "poses kept in the lab (JSON) become meshes (OBJ, PLY, GLB); clips an animated GLB",
+    "convert": "one kind of file becomes another: meshes, weights, markers, rigs, motion",
 }
-"""What makes files of files: each module has its texts, options, endings and `maker`."""
+"""What makes files of files, in a line. Each has a module, imported when it is called for: some
+take seconds, and help should not. It has an example, options, endings and a `maker`."""
 
 ABOUT = """\
 Faces that move linearly, from the command line. A file in, a file out; a folder in, a folder out:
@@ -38,6 +39,7 @@ def main(argv=None):
     """
     argv = sys.argv[1:] if argv is None else list(argv)
     code = FAILED
+    spell_out()
     with hushed():
         try:
             code = _command(argv)
@@ -58,10 +60,10 @@ def main(argv=None):
 
 
 def _command(argv):
-    options = _parser().parse_args(argv)
+    options = _parser(argv).parse_args(argv)
     if options.command in course.COMMANDS:
         return course.COMMANDS[options.command](options)
-    command = COMMANDS[options.command]
+    command = _module(options.command)
     report = Report(options.command, argv)
     endings = command.reads(options) if hasattr(command, "reads") else command.READS
     jobs = plan(
@@ -71,25 +73,38 @@ def _command(argv):
     )  # fmt: skip
     with told(options.command):
         make = command.maker(options)
-    spread = options.scheduler is not None or options.workers is not None
-    return run(jobs, make, report, options, on_workers(argv, options) if spread else None)
+    if options.scheduler is None and options.workers is None:
+        return run(jobs, make, report, options)
+    from facelab.cli.spread import on_workers
+
+    return run(jobs, make, report, options, on_workers(argv, options))
 
 
 def maker_of(argv):
     """What does one job of a command line: a worker makes it anew from the same arguments."""
-    options = _parser().parse_args(argv)
+    options = _parser(argv).parse_args(argv)
     options.quiet = True
-    return COMMANDS[options.command].maker(options)
+    return _module(options.command).maker(options)
 
 
-def _parser():
+def _module(command):
+    return importlib.import_module(f"facelab.cli.{command.replace('-', '_')}")
+
+
+def _parser(argv):
+    """All commands in a line each, and the one that is called for with all its options."""
+    called = next((a for a in argv if not a.startswith("-")), None)
     parser = argparse.ArgumentParser(
         prog="facelab", description=ABOUT, epilog=EXIT_CODES, allow_abbrev=False
     )
     parser.add_argument("--version", action="version", version=f"facelab {_version()}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, command in COMMANDS.items():
-        own = _add(commands, name, command.HELP, command.EXAMPLE)
+    for name, text in COMMANDS.items():
+        if name != called:
+            commands.add_parser(name, help=text)
+            continue
+        command = _module(name)
+        own = _add(commands, name, text, command.EXAMPLE)
         own.add_argument("inputs", nargs="+", type=Path, metavar="INPUT", help="files or folders")
         own.add_argument("-o", "--out", type=Path, required=True, help="a file or a folder")
         kinds = [ending[1:] for ending in command.WRITES]

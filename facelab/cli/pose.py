@@ -7,7 +7,6 @@ from facelab.files.json_items import load_json
 from facelab.posing import PosingSession
 from facelab.storage import existing_file
 
-HELP = "poses kept in the lab (JSON) become meshes (OBJ, PLY, GLB); clips an animated GLB"
 EXAMPLE = """\
 The poses must be of that very model and face: as they come from `facelab train`, or a rig.
 

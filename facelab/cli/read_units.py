@@ -12,7 +12,6 @@ from facelab.expression import (
 )
 from facelab.motion import WeightSequence
 
-HELP = "sketches or motion on a rig's vertices become weights of its units (CSV)"
 EXAMPLE = """\
 A sketch is a mesh with the rig's vertices in their order; a motion comes from `facelab register`.
 Of a sketch the few units are read that its own roughness could not feign; --all takes every unit

@@ -5,7 +5,6 @@ from facelab.cli.inputs import MARKERS, Takes, add_marker_options
 from facelab.cli.terminal import watched
 from facelab.registration import register_sequence
 
-HELP = "takes of markers become a mesh in motion (npz), or an animated GLB"
 EXAMPLE = """\
 examples:
   facelab register session.c3d -o session.npz

@@ -8,7 +8,6 @@ from facelab.cli.terminal import watched
 from facelab.segmentation import segment_face
 from facelab.storage import atomic_path, save_npz
 
-HELP = "the face of a take cut into regions (npz or JSON), and a PLY in their colours"
 EXAMPLE = """\
 Beside the labels NAME.npz or NAME.json stands NAME.ply, the face coloured by region.
 

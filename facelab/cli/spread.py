@@ -5,6 +5,7 @@ import os
 import platform
 
 from facelab.cli.batch import Outcome, UsageError, attempt
+from facelab.cli.terminal import complain
 from facelab.scale import Lost, cluster, each
 
 
@@ -26,11 +27,13 @@ def on_workers(argv, options):
     def doing(jobs):
         if not jobs:
             return
-        work = functools.partial(_work, tuple(argv), os.getcwd())
+        work, lost = functools.partial(_work, tuple(argv), os.getcwd()), None
         with cluster(options.scheduler, options.workers or 2) as client:
             for i, outcome, error in each(work, jobs, client):
                 if isinstance(error, Lost):
-                    outcome = None
+                    if lost is None:  # said once: it is the same for all that are left
+                        complain(f"not reached: {error}")
+                    outcome, lost = None, error
                 elif error is not None:
                     outcome = Outcome({}, str(error), [], 0.0)
                 yield jobs[i], outcome

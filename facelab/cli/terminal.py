@@ -42,6 +42,13 @@ def _line(text, stream):
         stream.flush()
 
 
+def spell_out():
+    """Whatever stdout and stderr have no letter for (λ, in a pipe on Windows) is written out."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
+
 @contextlib.contextmanager
 def hushed():
     """Where stdout or stderr is a pipe that was closed, it leads nowhere from here on."""

@@ -13,7 +13,6 @@ from facelab.cli.terminal import watched
 from facelab.models import HolisticModel, rms_error
 from facelab.pipeline import model_from_take
 
-HELP = "takes (markers, motion, or weights with --rig) become a model (npz)"
 EXAMPLE = """\
 One file as output: all takes, of one person in one session, make one model. A folder as output: a
 model for each take. Beside NAME.npz stands NAME.face.npz, the face that the model poses. Motions

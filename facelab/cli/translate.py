@@ -7,7 +7,6 @@ from facelab.cli.inputs import WEIGHTS, path_of
 from facelab.expression import Translator
 from facelab.expression.translate import NEAR
 
-HELP = "takes of one rig become takes of another (CSV), with the error in millimetres"
 EXAMPLE = """\
 Both rigs are GLB, VRM, npz, or a folder of OBJ files. Unless their triangles are the same, both
 need landmarks: an npz keeps those of a rig.

@@ -30,7 +30,7 @@ ICT_AREAS = {"narrow": (6706, 6560), "face": (9409, 9230), "all": (26719, 26384)
 
 
 def _ict_checksums():
-    text = resources.files("facelab.data").joinpath("ict_sha256.txt").read_text()
+    text = resources.files("facelab.data").joinpath("ict_sha256.txt").read_text(encoding="utf-8")
     return {name: digest for digest, name in (line.split() for line in text.splitlines())}
 
 
@@ -135,7 +135,7 @@ def _ict_arrays(folder, n_identities):
 def _parsed(file, n_identities):
     """The arrays from the files that `file` gives by name."""
     try:
-        index = json.loads(file("vertex_indices.json").read_text())
+        index = json.loads(file("vertex_indices.json").read_text(encoding="utf-8"))
     except ValueError as error:
         raise ValueError(f"{file('vertex_indices.json')} is damaged ({error}).") from error
     names = index["expressions"]

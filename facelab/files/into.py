@@ -168,6 +168,11 @@ def _into_obj(path, rest, rig, shapes):
     odd = [name for name in shapes if Path(name).name != name or name.startswith(".")]
     if odd and not one:
         raise ValueError(f"shapes: {odd[0]!r} makes no file name; give a plain one.")
+    if len({name.casefold() for name in shapes}) < len(shapes):
+        raise ValueError(
+            "shapes: two names differ only in capitals, and many file systems hold them for the "
+            "same file; rename one."
+        )
     base = read_obj_file(rest)
     moving = np.arange(len(base.vertices))
     if len(moving) != len(rig.source.index):

@@ -59,7 +59,8 @@ def write_landmarks(path, vertices, landmarks):
         "labels": labels,
     }
     with atomic_path(path) as part:
-        part.write_text(json.dumps({"version": 3, "groups": {"PTS": group}}, ensure_ascii=False))
+        held = {"version": 3, "groups": {"PTS": group}}
+        part.write_text(json.dumps(held, ensure_ascii=False), encoding="utf-8")
 
 
 def read_landmarks(path, mesh, names=None, scale=1.0):

@@ -326,7 +326,7 @@ def write_obj(path, mesh):
     mesh : TriangleMesh
         Written in its own unit (millimetres here), nine significant digits.
     """
-    with atomic_path(path) as part, open(part, "w") as out:
+    with atomic_path(path) as part, open(part, "w", encoding="utf-8", newline="\n") as out:
         out.write("# facelab; unit: millimetre\n")
         np.savetxt(out, mesh.vertices, fmt="v %.9g %.9g %.9g")
         np.savetxt(out, mesh.faces + 1, fmt="f %d %d %d")

@@ -8,6 +8,12 @@ from facelab.numeric.engine import REMEDY
 WAIT = 20.0
 """Seconds until a scheduler that does not answer counts as not there."""
 
+_LOCAL = {
+    "distributed.scheduler.allowed-failures": 1,  # what kills two of them is the work, not chance
+    "distributed.worker.memory.pause": False,  # one that only waits for memory may wait for ever
+    "distributed.worker.profile.enabled": False,  # looks at what runs a hundred times a second
+}
+
 
 @contextlib.contextmanager
 def cluster(scheduler=None, workers=2, memory="auto"):
@@ -44,8 +50,7 @@ def cluster(scheduler=None, workers=2, memory="auto"):
         return
     workers = check_count(workers, "workers", 1, None, "processes")
     with (
-        # what kills two of them is the work, not chance
-        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
+        dask.config.set(_LOCAL),
         distributed.LocalCluster(
             n_workers=workers, threads_per_worker=1, memory_limit=memory, processes=True,
             dashboard_address=None, silence_logs=50,

@@ -3,14 +3,14 @@
 import time
 from concurrent.futures import CancelledError
 
-from facelab.numeric.engine import Killed, told
+from facelab.numeric.engine import Killed, Watch, told
 
 PATIENCE = 60.0
 """Seconds without a single worker after which what is left counts as not reached."""
 
 
 class Lost(RuntimeError):
-    """No worker was left, so this was not reached."""
+    """No worker was left that could take it, so this was not reached."""
 
 
 def each(work, items, client, patience=PATIENCE):
@@ -34,7 +34,7 @@ def each(work, items, client, patience=PATIENCE):
         What `work` made; None where it failed.
     error : Exception or None
         What `work` raised; `Killed` where the workers that had it died one after the other, at
-        last each with nothing else to do; `Lost` where no worker was left.
+        last each with nothing else to do; `Lost` where no worker was left that could take it.
     """
     killed = []
     for i, result, error in _rounds(work, dict(enumerate(items)), client, patience):
@@ -50,13 +50,15 @@ def _rounds(work, items, client, patience):
     from distributed import wait
 
     waiting = {client.submit(work, item, pure=False): i for i, item in items.items()}
-    alone_since = None
+    watch, alone_since = Watch(client), None
+    why = f"no worker was left, and none came within {patience:g} s."
     try:
         while waiting:
             try:
                 found = wait(list(waiting), timeout=1.0, return_when="FIRST_COMPLETED").done
             except TimeoutError:
                 found = ()
+                watch.look()
             except CancelledError:  # by a scheduler that went away
                 found = [future for future in waiting if future.cancelled()]
             for future in found:
@@ -73,10 +75,12 @@ def _rounds(work, items, client, patience):
             alone_since = alone_since or time.monotonic()
             if not found and time.monotonic() - alone_since > patience:
                 break
-        for i in sorted(waiting.values()):
-            yield i, None, Lost(f"no worker was left, and none came within {patience:g} s.")
+    except Killed as error:  # of the watch: there is no work to be had from these workers
+        why = str(error)
     finally:
         client.cancel(list(waiting))
+    for i in sorted(waiting.values()):
+        yield i, None, Lost(why)
 
 
 def _has_workers(client):

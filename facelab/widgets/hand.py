@@ -29,8 +29,10 @@ class Hand(anywidget.AnyWidget):
         Of the last `BoundedPull`, sent once.
     """
 
-    _esm = "\n".join((_HERE / name).read_text() for name in ("hand_math.js", "hand.js"))
-    _css = (_HERE / "hand.css").read_text()
+    _esm = "\n".join(
+        (_HERE / name).read_text(encoding="utf-8") for name in ("hand_math.js", "hand.js")
+    )
+    _css = (_HERE / "hand.css").read_text(encoding="utf-8")
     ids = traitlets.Dict().tag(sync=True)
     middle = traitlets.List().tag(sync=True)
     n_vertices = traitlets.Int().tag(sync=True)

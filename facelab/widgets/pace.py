@@ -14,7 +14,7 @@ class Pace(anywidget.AnyWidget):
     sliders : ipywidgets.Widget
     """
 
-    _esm = Path(__file__).with_suffix(".js").read_text()
+    _esm = Path(__file__).with_suffix(".js").read_text(encoding="utf-8")
     sliders = traitlets.List().tag(sync=True)
 
     def __init__(self, *sliders):

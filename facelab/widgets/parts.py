@@ -12,7 +12,7 @@ ROOT = "facelab-lab"
 
 def drawn_by(source):
     """The .js and the .css of a part, by the name that they share."""
-    return [(_HERE / f"{source}.{ending}").read_text() for ending in ("js", "css")]
+    return [(_HERE / f"{source}.{ending}").read_text(encoding="utf-8") for ending in ("js", "css")]
 
 
 class Part(anywidget.AnyWidget):

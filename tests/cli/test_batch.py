@@ -213,6 +213,25 @@ def test_python_m_facelab_shows_every_command():
         assert name in out
 
 
+def test_help_needs_nothing_that_takes_long_to_import():
+    heavy = "[m for m in ('scipy', 'sklearn', 'matplotlib', 'facelab.files') if m in sys.modules]"
+    code = f"import sys, facelab.cli; facelab.cli.main(['--help']); sys.exit({heavy} or 0)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)},
+        text=True, capture_output=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def test_letters_that_a_pipe_has_not_are_written_out(monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", "cp1252")  # as a pipe on Windows
+    pipe = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = facelab_process("read-units", "--help", **pipe)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0 and not err
+    assert "\\u03bb of Eq. 9" in out
+
+
 def test_a_reader_that_leaves_does_not_stop_the_work(folder):
     (folder / "b.obj").unlink()
     read, write = os.pipe()

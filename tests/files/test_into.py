@@ -240,6 +240,9 @@ def test_what_does_not_fit_is_refused_and_nothing_is_written(folder, tmp_path, s
         "is one OBJ file, but there are 2": lambda: write_into(
             tmp_path / "a.obj", obj, {**moved, "b": moved["up"]}
         ),
+        "differ only in capitals": lambda: write_into(
+            tmp_path / "o", obj, {**moved, "Up": moved["up"]}
+        ),
         "makes no file name": lambda: write_into(tmp_path / "o", obj, {"../x": moved["up"]}),
         "give each shape a name": lambda: write_into(out, rig, {"": shapes["a corner"]}),
     }.items():

@@ -131,6 +131,67 @@ def test_poisoned_and_killing_takes_do_not_stop_the_others(client, tmp_path):
             assert (result, error) == (name, None)
 
 
+LIMIT = 400 * 10**6  # bytes: a worker with facelab has half of it before it works
+STEP = 2 * 10**6  # numbers
+
+
+def hungry(item):
+    """Take memory bit by bit: "much" without end, "leaves" what stands in the way of the next."""
+    kept = [np.ones(1)]
+    while item == "much" or (item == "leaves" and used() < 0.86 * LIMIT):
+        kept.append(np.ones(STEP if item == "much" else STEP // 8))
+        time.sleep(0.01)
+        if len(kept) > 400:
+            raise AssertionError("nobody stopped it")
+    if item == "leaves":
+        sys.left = kept
+    return item
+
+
+def used():
+    import psutil
+
+    return psutil.Process().memory_info().rss
+
+
+def test_a_take_too_large_for_a_worker_is_told_and_the_others_are_done():
+    with scale.cluster(workers=1, memory=LIMIT) as client:
+        items = ["a", "much", "b"]
+        found = {items[i]: (r, error) for i, r, error in scale.each(hungry, items, client)}
+        error = found.pop("much")[1]
+        assert isinstance(error, scale.Killed)
+        assert "want of memory" in str(error) and "shorter takes" in str(error)
+        assert found == {name: (name, None) for name in ("a", "b")}
+
+
+def test_workers_that_stand_still_for_want_of_memory_are_started_anew(monkeypatch):
+    from distributed import LocalCluster
+
+    monkeypatch.setattr("facelab.numeric.engine.STUCK", 1.0)
+    with (
+        LocalCluster(
+            n_workers=1, threads_per_worker=1, memory_limit=LIMIT, dashboard_address=None,
+            silence_logs=50,
+        ) as own,
+        scale.cluster(own.scheduler_address) as client,
+    ):  # fmt: skip
+        assert [r for _, r, _ in scale.each(hungry, ["leaves"], client)] == ["leaves"]
+        found = list(scale.each(hungry, ["a", "b"], client))
+        assert sorted(r for _, r, _ in found) == ["a", "b"]
+
+
+def test_learning_that_no_worker_has_room_for_names_the_blocks_and_the_remedy():
+    X = da.random.default_rng(0).normal(size=(24_000, 3000), chunks=(12_000, 3000))
+    with scale.cluster(workers=1, memory=LIMIT):
+        with pytest.raises(scale.Killed) as caught:
+            facelab.HolisticModel(2).fit(X)
+        told = "12000 frames of 3000 numbers, 288 MB", "chunks of 3000 frames", "`memory`"
+        for part in told:
+            assert part in str(caught.value)
+        small = X[:2000, :300].rechunk((500, 300))
+        assert facelab.HolisticModel(2).fit(small).n_components == 2
+
+
 def test_without_any_worker_all_is_told_as_not_reached(monkeypatch):
     from distributed import LocalCluster
 
