@@ -76,6 +76,10 @@ app: env data
 test: lint unit test-notebooks test-browser
 	@echo "facelab: make test passed"
 
+# What runs two at a time has one core each: more threads would wait for each other.
+unit test-notebooks test-browser test-long: export OMP_NUM_THREADS = 1
+unit test-notebooks test-browser test-long: export OPENBLAS_NUM_THREADS = 1
+
 lint: env
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -100,8 +104,13 @@ test-notebooks: env data  # the longest first
 browser: env
 	$(BIN)/python tests/browser/get_browser.py
 
+# Beside each other: what shares one lab, and what opens labs of its own.
+BROWSER := $(BIN)/python -m pytest -m "not long" tests/browser
+ONE_LAB := posing_lab and not far_from and not of_its_own
+
 test-browser: env data browser
-	$(BIN)/python -m pytest -m "not long" tests/browser
+	@$(BROWSER) -k "$(ONE_LAB)" & first=$$!; $(BROWSER) -k "not ($(ONE_LAB))"; second=$$?; \
+	wait $$first && exit $$second
 
 # What takes long, part by part.
 test-all: test-long test-bare
