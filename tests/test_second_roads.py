@@ -71,6 +71,9 @@ def test_gamma_of_given_bases_is_scaled_by_their_mean_square(ball):
     squares = [(shapes[k, m] ** 2).sum() for m in regions.members for k in range(4)]
     W = model.resistance(np.full(ball.n_vertices, 0.5))
     np.testing.assert_allclose(W, 0.5 * np.mean(squares) * np.eye(8), rtol=1e-10)
+    rig = BlendshapeRig(ball, "abcd", shapes)
+    W = rig.resistance(np.full(ball.n_vertices, 0.5))
+    np.testing.assert_allclose(W, 0.5 * (shapes**2).sum() / 4 * np.eye(4), rtol=1e-6)
 
 
 def test_a_limited_pull_reaches_two_limits_in_deviations_of_the_vertex(ball):

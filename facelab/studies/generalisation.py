@@ -32,7 +32,7 @@ N_REGIONS = 13
 """Regions of the paper. On the synthetic actors every k up to 30 is compact and sets no number."""
 
 NOISE = 0.3
-"""Noise added to the real motion, mm per axis: as an optical capture would have."""
+"""Noise added to the recorded motion, mm per axis: as an optical capture would have."""
 
 EACH = (1, 2, 3, 5, 7, 10, 15, 20, 30, 40, 60)
 TOTAL = (13, 20, 30, 50, 80, 130, 200, 300, 400)
@@ -187,14 +187,15 @@ def _unpacked(arrays):
     }
 
 
-# --- a real face ----------------------------------------------------------------------------------
+# --- a recorded performance -----------------------------------------------------------------------
 
 
 def real():
-    """The same on a real face: trained on alex_rom_3, tested on alex_rom_4.
+    """The same on the generic face: trained on alex_rom_3, tested on alex_rom_4.
 
-    The generic face of ICT-FaceKit, its 53 expressions moved by two recorded takes of one
-    performer, 397 vertices, noise of 0.3 mm added. The takes differ, the face does not.
+    The generic face of ICT-FaceKit (an average of scans), moved by two recorded takes of one
+    performer: motion that is linear in its 53 shapes. 397 vertices, noise of 0.3 mm added. The
+    takes differ, the face does not.
 
     Returns
     -------
@@ -378,9 +379,9 @@ def main(arguments=None):
     regions = face_regions(actors["M1"])
     rows = table(synthetic(actors, regions), "synthetic actors", ACTORS)
     try:
-        rows += table(real()[0], "real: ICT-FaceKit, alex takes")
+        rows += table(real()[0], "generic face, alex takes")
     except data.DataUnavailable as missing:
-        print(f"Without the real face: {missing}")
+        print(f"Without the generic face: {missing}")
     sides = asymmetry(actors["M1"], regions)
     write_csv(out / "generalisation.csv", rows)
     write_csv(out / "asymmetry.csv", [dict(data="synthetic actor M1", **row) for row in sides])

@@ -6,6 +6,7 @@ from planted import bumps, corner_regions
 from shapes import grid_mesh
 from sklearn.exceptions import NotFittedError
 
+from facelab.models import global_local
 from facelab.models.evaluation import rms_error
 from facelab.models.global_local import (
     LARGEST,
@@ -111,6 +112,20 @@ def test_the_share_is_the_one_that_rebuilds_expressions_left_out(frames):
     chosen = SHARES[int(risks.argmin())]
     assert GlobalLocalModel(cut, P).fit(frames).share_ == chosen
     assert GlobalLocalModel(cut).shares_for(frames, [P, 3])[0] == chosen
+
+
+def test_every_expression_is_left_out_once_for_each_share(frames, monkeypatch):
+    asked = []
+
+    def watched(D, *rest):
+        asked.append(len(D))
+        return estimated_error(D, *rest)
+
+    monkeypatch.setattr(global_local, "estimated_error", watched)
+    monkeypatch.setattr(global_local, "_ASKED", len(frames))
+    GlobalLocalModel(corner_regions()).shares_for(frames, [10])
+    sizes = np.bincount(expressions(frames))
+    assert sorted(asked) == sorted(np.repeat(sizes, len(SHARES)))
 
 
 def test_the_estimate_of_the_error_is_that_of_the_truth_on_average(rng):

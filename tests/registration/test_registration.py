@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from shapes import grid_mesh
 from threadpoolctl import threadpool_limits
 
 import facelab
@@ -11,8 +12,9 @@ from facelab.geometry.alignment import procrustes
 from facelab.geometry.closest import closest_points
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.motion import MarkerSequence
+from facelab.registration.confidence import expected_error, free_edges
 from facelab.registration.fit import fit_markers, fit_scan, rest_markers
-from facelab.registration.layout import MarkerLayout
+from facelab.registration.layout import MarkerLayout, covariance, kernel
 from facelab.registration.sequence import Fault, register_sequence
 
 N = 3000  # vertices of the small captures, so that template and truth correspond one to one
@@ -218,6 +220,25 @@ def test_vertices_are_not_drawn_to_the_border_of_a_scan(template):
     assert off.max() < 0.5  # matched to the border, the missing half would shrink by centimetres
 
 
+def test_vertices_are_not_drawn_to_what_stands_across_the_skin(template):
+    V, marks = template.vertices, template.landmarks
+    brow, top = max(V[v, 1] for name, v in marks.items() if "brow" in name), V[:, 1].max()
+    gone = (np.abs(V[:, 0]) < 8) & (V[:, 1] > brow + 8) & (V[:, 1] < top - 8)
+    skin, low, high = template.submesh(~gone), V[gone].min(axis=0), V[gone].max(axis=0)
+    wall = grid_mesh(16, 16, 1.0)  # in the gap on the forehead, 60 mm and more through the skin
+    along, through = wall.vertices[:, 0] / 15, wall.vertices[:, 1] / 15
+    y = np.interp(along, [0, 1], [low[1] + 2, high[1] - 2])
+    z = np.interp(through, [0, 1], [low[2] - 30, high[2] + 30])
+    places = np.vstack([skin.vertices, np.stack([0 * y, y, z], axis=1)])
+    scan = TriangleMesh(
+        places, np.vstack([skin.faces, wall.faces + skin.n_vertices]), skin.landmarks
+    )
+    fit = fit_scan(template, scan)
+    assert not fit.drawn[gone].any()
+    off = fit.alignment.inverse().apply(fit.mesh.vertices) - V
+    assert np.abs(off).max() < 1e-6  # drawn to the wall, they would go sideways by 3 mm
+
+
 def test_a_scan_in_metres_is_refused(template):
     small = template.with_vertices(template.vertices / 1000)
     with pytest.raises(ValueError, match="metres"):
@@ -413,6 +434,26 @@ def test_the_report_tells_where_the_motion_is_uncertain(fit, take, captures):
     assert registration.rms_per_marker.shape == (len(fit.names),)
     assert registration.rms_per_frame.shape == (take.n_frames,)
     assert f"{registration.rms:.2f} mm" in repr(registration)
+
+
+def test_motion_drawn_from_the_field_itself_has_the_error_that_is_expected(fit, rng):
+    layout, mesh, preset = fit.layout, fit.mesh, fit.preset
+    lids, lips = free_edges(mesh)
+    calm = mesh.geodesics(np.append(lids, lips)).min(axis=0) > 30  # where nothing moves alone
+    some = np.flatnonzero(calm)[::12]
+    at = np.append(layout.feet, some)
+    field = preset.motion_size**2 * covariance(kernel(mesh, at, preset.motion_reach)[at])
+    values, vectors = np.linalg.eigh(field)
+    drawn = rng.normal(size=(1000, 3, len(at))) @ (vectors * np.sqrt(values.clip(0))).T
+    drawn = np.swapaxes(drawn, 1, 2)
+    true, seen = drawn[:, len(layout.feet) :], drawn[:, : len(layout.feet)]
+    seen = seen + rng.normal(scale=preset.noise, size=seen.shape)
+    left_out = np.sqrt((layout.left_out(seen) ** 2).sum(axis=2).mean(axis=0))
+    error = np.linalg.norm(layout.carry[some] @ seen - true, axis=2)
+    error = np.sqrt((error**2).mean(axis=0))  # in three axes, as all errors here
+    expected = expected_error(fit, left_out)[some]
+    np.testing.assert_allclose(expected / error, 1.2, rtol=0.15)  # its margin; 1,000 frames
+    assert np.median(expected / error) == pytest.approx(1.2, rel=0.03)
 
 
 def test_a_marker_that_the_take_lacks_is_listed_and_led_by_the_others(fit, take):

@@ -15,6 +15,7 @@ from facelab.motion import MotionSequence
 from facelab.segmentation import clusters as clusters_module
 from facelab.segmentation import segment as segment_module
 from facelab.segmentation.clusters import compactness, renumbered, spectral_embedding
+from facelab.segmentation.dense import Correlations
 from facelab.segmentation.regions import Regions
 from facelab.segmentation.segment import Affinity, segment_face, stability
 from facelab.segmentation.similarity import affinity, motion_correlation, nearness
@@ -74,6 +75,19 @@ def test_a_face_that_never_moves_has_correlation_one_with_itself_alone():
 def test_rounding_is_not_motion():
     positions = np.full((6, 4, 3), 1000.1) + 1e-10 * np.arange(6)[:, None, None]
     np.testing.assert_array_equal(motion_correlation(positions), np.eye(4))
+
+
+@pytest.mark.parametrize("n_frames", [12, 400])
+@pytest.mark.parametrize("way", ["at once", "in blocks", "dense"])
+def test_what_moves_by_less_than_a_nanometre_is_still_however_long_the_take(rng, way, n_frames):
+    away = rng.normal(size=n_frames)
+    away -= away.mean()
+    positions = np.repeat(away[:, None, None] / away.std(), 3, axis=1).repeat(3, axis=2)
+    positions[:, 1:] *= np.array([0.9e-6, 1.1e-6])[:, None]  # mm
+    if way == "in blocks":
+        positions = pytest.importorskip("dask.array").from_array(positions, chunks=(7, -1, -1))
+    found = Correlations(positions)[:] if way == "dense" else motion_correlation(positions)
+    np.testing.assert_allclose(found[0], [1, 0, 1], atol=1e-3)
 
 
 def test_correlation_does_not_know_size_or_place_of_a_motion(rng):
