@@ -216,7 +216,7 @@ def test_a_file_that_is_open_elsewhere_is_replaced_once_it_is_closed(tmp_path, m
     assert path.read_text() == "new" and len(tries) == 3
     tries.clear()
     monkeypatch.setattr(storage, "WAITS", (0,))
-    with pytest.raises(PermissionError, match="a.txt.*close it where it is open"):
+    with pytest.raises(PermissionError, match=r"a.txt.*close it where it is open"):
         with atomic_path(path) as part:
             part.write_text("newer")
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"] and path.read_text() == "new"

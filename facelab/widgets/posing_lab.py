@@ -166,7 +166,7 @@ class PosingLab(Lab):
             self.session.history.unobserve(self._follow)
             del self.places
         self.session, self.models = session, models
-        self.props = face_props(session.neutral) if props is None else list(props)
+        self.props = _eyes_and_teeth(session, models) if props is None else list(props)
         self.takes, self.about = dict(takes or {}), ""
         self.thumbnails = Thumbnails(session.neutral, self.props)
         self.view = self._new_view(*self.size)
@@ -597,3 +597,10 @@ _KEYS = {
     "Space": "play",
     "Esc": "give up a drag",
 }
+
+
+def _eyes_and_teeth(session, models):
+    """Those made for the face; its eyes turn with a rig's look shapes where one is on its mesh."""
+    rigs = [model for model in models.values() if getattr(model, "named", False)]
+    on_mesh = [rig for rig in rigs if rig.n_vertices == session.neutral.n_vertices]
+    return face_props(session.neutral, next(iter(on_mesh), None))
