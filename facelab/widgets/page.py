@@ -22,7 +22,8 @@ ASLEEP = "not running. Press Run (Shift and Enter)."
 STILL = "facelab-still"
 """Class of the picture that stands for it there."""
 # beside it JupyterLab would say that it knows no such widget; where it trusts a notebook, not
-_UNSAID = f".jp-OutputArea:has(.{STILL}) .jupyter-widgets:not(:has(*)) {{ display: none; }}"
+_UNSAID = f""".jp-OutputArea:has(.{STILL}) .jp-OutputArea-output.jupyter-widgets:not(:has(*)) {{
+display: none; }}"""
 _LINKED_BYTES = 12e6  # larger files get no link in the page
 
 
@@ -93,8 +94,9 @@ class Page:
         """
         if hasattr(self, "picture"):
             picture = captioned(self.picture(), f"{type(self).__name__}: {ASLEEP}")
-            html = '<style>{}</style><div class="{}"><img alt="{}" src="data:image/png;base64,{}"></div>'
-            display(HTML(markup(html, _UNSAID, STILL, ASLEEP, picture)))
+            html = '<div class="{}"><img alt="{}" src="data:image/png;base64,{}"></div>'
+            style = markup("<style>{}</style>", _UNSAID)
+            display(HTML(style + markup(html, STILL, ASLEEP, picture)))
         display(self._repr_mimebundle_(), raw=True)
 
     def say(self, text):

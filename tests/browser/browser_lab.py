@@ -5,6 +5,7 @@ import atexit
 import json
 import os
 import queue
+import re
 import secrets
 import shutil
 import socket
@@ -29,6 +30,9 @@ FLAGS = [  # software rendering, and nothing that calls home
     *("--ignore-gpu-blocklist", "--disable-background-networking", "--no-first-run"),
     *("--disable-component-update", "--disable-sync", "--disable-quic"),
 ]
+NOT_OURS = re.compile(  # what pythreejs, JupyterLab and the server say by themselves
+    r"t\.on is not a function|Failed to load resource|WebSocket|widget model not found"
+)
 CELLS_RUN = """() => {
   const error = document.querySelector('[data-mime-type="application/vnd.jupyter.error"]');
   if (error) return error.textContent;
@@ -91,6 +95,7 @@ class Server:
             s.bind(("127.0.0.1", 0))
             self.port = s.getsockname()[1]
         env = {**os.environ, "JUPYTER_RUNTIME_DIR": str(self.folder / "runtime")}
+        env["JUPYTERLAB_SETTINGS_DIR"] = str(self.folder / "settings")  # not the person's own
         root = [] if no_delay else ["--allow-root"]  # the lab's own configuration sees to it
         config = [f"--config={ROOT / 'app' / 'jupyter_server_config.py'}"] if no_delay else []
         self.log = open(self.folder / "server.log", "w")
@@ -137,6 +142,10 @@ class Server:
         self.log.close()
 
 
+LABS = []
+"""Every `Lab` of the run."""
+
+
 class Lab:
     """One notebook open in one page.
 
@@ -154,6 +163,8 @@ class Lab:
         self.base = f"http://127.0.0.1:{port or server.port}"
         self.page = new_page()
         self.errors = []  # what the page complains of, for the message of a test that fails
+        self._heard_of = 0
+        LABS.append(self)
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.on("console", self._note)
         self.client = self._kernel = None
@@ -161,6 +172,11 @@ class Lab:
     def _note(self, message):
         if message.type == "error":
             self.errors.append(message.text)
+
+    def complaints(self):
+        """What the page has complained of since this was last asked, and is ours: list of str."""
+        new, self._heard_of = self.errors[self._heard_of :], len(self.errors)
+        return [error for error in new if not NOT_OURS.search(error)]
 
     def _wait(self, done, seconds, complaint):
         try:
@@ -172,6 +188,7 @@ class Lab:
         """Open a notebook, run all of it, wait until the kernel is quiet."""
         shutil.copy(notebook, self.folder)
         page, name = self.page, Path(notebook).name
+        self.name = name
         path = {"jupyterlab": "/lab/tree/", "notebook": "/notebooks/", "voila": "/voila/render/"}
         address = f"{self.base}{path[self.app]}{name}"
         others = self.server.kernels()
@@ -191,7 +208,8 @@ class Lab:
 
     def _choose(self, menu, item):
         self.page.get_by_role("menuitem", name=menu, exact=True).click()
-        self.page.get_by_role("menuitem", name=item, exact=True).click()
+        label = re.compile(f"^{re.escape(item)}$")  # what is pressed for it stands beside it
+        self.page.locator(".lm-Menu-itemLabel", has_text=label).click()
 
     def run_cells(self, seconds=300):
         """Run the whole notebook by the menu, wait until the kernel is quiet."""
@@ -201,12 +219,29 @@ class Lab:
         assert end is True, end
         self.settle()
 
-    def restart(self):
+    def restart(self, clear=True):
         """A new kernel in the same page, by the menu: all that it knew is gone."""
-        self._choose("Kernel", "Restart Kernel and Clear Outputs of All Cells…")
+        words = "Restart Kernel and Clear Outputs of All Cells…" if clear else "Restart Kernel…"
+        self._choose("Kernel", words)
         self.page.locator(".jp-Dialog .jp-mod-accept").click()
-        self.page.wait_for_function(NO_CELL_RUN)
+        if clear:
+            self.page.wait_for_function(NO_CELL_RUN)
         self._meet_kernel(PATIENCE)
+
+    def save(self):
+        """Write the notebook with its outputs."""
+        path = self.folder / self.name
+        before = path.stat().st_mtime_ns
+        self._choose("File", "Save Notebook")
+        self._wait(lambda: path.stat().st_mtime_ns != before, PATIENCE, "nothing was saved")
+
+    def load(self, name=None):
+        """Load the page anew, or that of another notebook of the folder; nothing is run."""
+        self._calls, self._echoes = 0, False
+        address = f"/lab/tree/{name}?reset&token={self.server.token}"
+        self.page.goto(f"{self.base}{address}") if name else self.page.reload()
+        self.page.wait_for_selector(".jp-Notebook .jp-Cell")
+        self.page.wait_for_selector("[data-status=idle]")
 
     def _meet_kernel(self, seconds):
         """Wait until a new kernel answers; what it is asked before it is there gets lost."""

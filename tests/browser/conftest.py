@@ -1,7 +1,7 @@
 """What the browser tests share: one server, and the posing lab of the example face on it."""
 
 import pytest
-from browser_lab import Lab, Server, write_notebook
+from browser_lab import LABS, Lab, Server, write_notebook
 
 CELLS = (
     "from facelab.widgets import PosingLab",
@@ -9,6 +9,14 @@ CELLS = (
     "lab = PosingLab.example(width=320, height=368)\nlab",
     "twin = PosingLab(lab.session, lab.models, lab.props, width=240, height=276)\ntwin",
 )
+
+
+@pytest.fixture(autouse=True)
+def quiet_console():
+    """No page complains of anything of ours, in any test."""
+    yield
+    told = [error for lab in LABS for error in lab.complaints()]
+    assert not told, f"the console of the page says: {told}"
 
 
 @pytest.fixture(scope="session")
