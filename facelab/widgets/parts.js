@@ -51,6 +51,7 @@ function keys({ model, el }) {
     const typing = event.target.closest?.(EDITABLE);
     // a button or a slider that has the focus keeps the keys that work it
     if (root?.contains(document.activeElement) && OWN_KEYS.includes(event.key)) return;
+    if (event.key === "Escape" && root?.querySelector(".facelab-chosen-pin")) return; // leaves the pin
     if (!over || !root?.isConnected || typing || event.metaKey || event.altKey) return;
     let key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (key === " ") key = "Space";

@@ -117,3 +117,31 @@ def test_another_sketch_is_loaded_pulled_and_a_bad_one_refused_in_the_page(page_
     assert lab.run("", o="session.state.origin")["o"] == "pulled by hand"
     expect(page.get_by_text("sketch has shape")).not_to_be_visible()
     assert np.abs(state(lab)[1] - w).max() > 0.01, "the units should have followed the pull"
+
+
+def test_lambda_is_slid_by_ten_messages_a_second_at_most_and_ends_where_it_is_let_go(page_lab):
+    lab, page = page_lab, page_lab.page
+    lab.run(
+        "import time\nheard, hear = [], lab.lam.on_slide\n"
+        "def slide(*told):\n    heard.append(time.monotonic()); hear(*told)\n"
+        "lab.lam.on_slide = slide; steps = session.n_undo"
+    )
+    page.get_by_role("tab", name="Fit", exact=True).first.click()
+    slider = page.get_by_role("slider", name="Hold sum").first
+    slider.scroll_into_view_if_needed()
+    box = slider.bounding_box()
+    y = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + 0.3 * box["width"], y)
+    page.mouse.down()
+    for step in range(40):
+        page.mouse.move(box["x"] + (0.3 + 0.01 * step) * box["width"], y)
+        page.wait_for_timeout(20)
+    page.mouse.up()
+    lab.settle()
+    shown = page.get_by_role("spinbutton", name="Hold sum").first.input_value()
+    told = lab.run("", s="[session.state.lam, heard, session.n_undo - steps]")["s"]
+    lam, heard, steps = told[0], np.array(told[1]), told[2]
+    assert f"{lam:g}" == shown and 0.1 < lam < 10 and steps == 1
+    assert len(heard) > 1
+    # counted where they arrive, so that one may have been late and the next in time
+    assert max(np.count_nonzero((heard >= t) & (heard < t + 1)) for t in heard) <= 11

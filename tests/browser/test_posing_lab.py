@@ -227,6 +227,42 @@ def test_arrow_keys_move_the_last_pin_along_the_screen_in_one_step(fresh):
     np.testing.assert_allclose(target_of(fresh) - before, [0.5, 2, 0], atol=1e-6)
 
 
+def test_tab_goes_from_pin_to_pin_arrows_move_it_and_both_eyes_turn_by_their_sliders(fresh):
+    page, press = fresh.page, fresh.page.keyboard.press
+    fresh.run(
+        "ends = [face.landmarks['mouth_corner_left'], face.landmarks['brow_left_3']]\n"
+        "for v in ends: session.pull(v, session.vertices[v] + [0, 2, 0])"
+    )
+    fresh.settle()
+    page.locator("canvas").first.focus()
+    label, mark = page.locator(".facelab-label").first, page.locator(".facelab-chosen-pin")
+    press("Tab")
+    expect(label).to_have_text("pin 1 of 2: mouth corner left")
+    press("Tab")
+    expect(label).to_contain_text("pin 2 of 2")
+    press("Shift+Tab")
+    expect(mark).to_have_count(1)
+    snapshot(fresh, "pin_by_tab")
+    steps, before = fresh.run("", s="[session.n_undo, session.pins[ends[0]].tolist()]")["s"]
+    press("ArrowUp")
+    wait_until(fresh, f"session.n_undo == {steps + 1} and not lab.view.dragging")
+    went = np.array(fresh.run("", p="session.pins[ends[0]].tolist()")["p"]) - before
+    np.testing.assert_allclose(went, [0, 0.5, 0], atol=1e-6)
+    press("Escape")
+    expect(mark).to_have_count(0)
+    for _ in range(3):
+        press("Tab")
+    expect(mark).to_have_count(0)
+    assert page.evaluate("document.activeElement.localName") != "canvas", "Tab leaves the face"
+    show_tab(fresh, "Sliders")
+    for label, degrees in (("eyes, right to left", "20"), ("eyes, down to up", "-8")):
+        page.get_by_role("spinbutton", name=label).first.click()
+        page.keyboard.type(degrees + "\n")
+    fresh.settle()
+    assert fresh.run("", g="list(session.state.gaze)")["g"] == [20, -8]
+    snapshot(fresh, "gaze")
+
+
 TURN_AT_ONCE = """([clientX, clientY]) => {
   const canvas = document.querySelector(".facelab-face canvas");
   const there = { clientX, clientY, bubbles: true, cancelable: true };
