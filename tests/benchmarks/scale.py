@@ -220,6 +220,10 @@ def shown(found):
         f"| efficiency by the clock | 1 | {w1 / w2 / 2:.2f} |",
         f"| work done for the same takes | 1 | {c2 / c1:.2f} |",
         "",
+        "Where more programs want to run than there are cores, the efficiency by the clock says "
+        "what was left over for two workers, not what they can do; run it on a quiet machine for "
+        "that. The last row says what the second adds in work.",
+        "",
         "| one take | here | through the engine | ratio |",
         "|---|---:|---:|---:|",
         f"| seconds | {here:.2f} | {there:.2f} | {there / here:.2f} |",
@@ -262,10 +266,10 @@ def on_paper(take, empty, learned):
         "",
         "| takes | |",
         "|---|---:|",
-        f"| an hour, if the scheduler keeps up | {3600 * n / take:,.0f} |",
-        f"| tasks a second that it is asked for | {n / take:,.0f} |",
-        f"| tasks a second that it can hand out | {1 / empty:,.0f} |",
-        f"| processes that it keeps at work | {take / empty:,.0f} |",
+        f"| an hour that the processes can do | {3600 * n / take:,.0f} |",
+        f"| an hour that one scheduler can hand out | {3600 / empty:,.0f} |",
+        f"| processes that one scheduler keeps at work | {take / empty:,.0f} |",
+        f"| processor hours for 1,000 takes | {1000 * take / 3600:.2f} |",
         "",
         "| learning | sums | tree above them | scheduler | over the wire, all together "
         "| processor hours |",
