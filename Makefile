@@ -26,7 +26,7 @@ endif
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 
 .PHONY: help lab app env data test lint unit test-notebooks browser test-browser test-all \
-	test-long test-bare test-wire soak notebooks pictures site results bench mutants \
+	test-long test-bare test-wire soak notebooks pictures seconds site results bench mutants \
 	lock clean
 
 help:
@@ -39,6 +39,7 @@ help:
 	@echo "make data       only the data (real faces are downloaded once, synthetic ones made)"
 	@echo "make notebooks  run every notebook in place and store its outputs"
 	@echo "make pictures   the labs' pictures of README, made anew by mouse in a browser"
+	@echo "make seconds    how long every notebook runs, into notebooks/lecturers.md and the first notebook"
 	@echo "make mutants    a sample of the mathematics broken on purpose: which tests notice"
 	@echo "make site       the course as static pages, in site/"
 	@echo "make results    every error of notebook 04 and the table of all models, in results/"
@@ -118,6 +119,8 @@ test-all: test-long test-bare
 
 test-long: env data browser
 	$(BIN)/python -m pytest tests -m long --ignore=tests/notebooks --ignore=tests/browser
+	FACELAB_MUTANTS=300 $(BIN)/python -m pytest tests -k "mutant or broken" -m "not long" \
+		--ignore=tests/browser
 	@basename -s .ipynb $(NOTEBOOKS) | $(TWO_AT_A_TIME) $(BIN)/python -m pytest tests/notebooks -k
 
 # As on a machine without data and network, with nothing made before.
@@ -147,6 +150,9 @@ notebooks: env data
 
 pictures: env data browser  # those of README: five poses made by mouse, and both labs
 	$(BIN)/python tests/browser/pictures.py
+
+seconds: env data  # how long notebooks run, into the page for lecturers and the first notebook
+	$(BIN)/python tests/notebooks/seconds.py
 
 site: env  # the course as static pages, as its notebooks are stored
 	$(BIN)/python -m facelab.course.site site

@@ -20,8 +20,8 @@ from pathlib import Path
 
 import facelab
 
-COUNT = int(os.environ.get("FACELAB_MUTANTS", 300))
-"""How many of each kind the tests make; `make soak` asks for 2,000."""
+COUNT = int(os.environ.get("FACELAB_MUTANTS", 100))
+"""How many of each file `make test` makes; `make test-all` asks for 300, `make soak` for 2,000."""
 
 PACKAGE = str(Path(facelab.__file__).parent)
 PYTHON_WORDS = re.compile(

@@ -9,6 +9,8 @@ import sysconfig
 import pytest
 from environment import ROOT
 
+from facelab.cli.course import KINDS
+
 PACKAGES = ("facelab", "data_synth")
 LOOK = """
 import importlib, json, sys
@@ -88,7 +90,7 @@ def test_the_command_of_the_wheel_copies_the_course_and_the_page(installed, tmp_
     command = installed.parent / ("facelab.exe" if sys.platform == "win32" else "facelab")
     for name, part in (("lab", "notebooks"), ("app", "app")):
         run(command, name, tmp_path / part, "--only-copy", cwd=tmp_path)
-        ours = {p.name: p.read_bytes() for p in (ROOT / part).glob("*.ipynb")}
+        ours = {p.name: p.read_bytes() for p in (ROOT / part).glob("*") if p.suffix in KINDS}
         assert {p.name: p.read_bytes() for p in (tmp_path / part).iterdir()} == ours
 
 

@@ -17,6 +17,8 @@ from facelab.storage import atomic_path
 FIRST = "00_start.ipynb"
 PAGE = "posing.ipynb"
 FOLDER = "facelab-lab"
+KINDS = {".ipynb", ".md"}
+"""What is copied: notebooks, and texts that they link to."""
 
 _PATIENCE = 10.0  # seconds in which a server of Jupyter has ended its kernels
 _NO_DELAY = "facelab.widgets.server.NoDelayConnection"
@@ -70,7 +72,11 @@ COMMANDS = {"lab": lab, "app": app}
 
 
 def course_files(part):
-    """The files of "notebooks" or "app", wherever the package was installed: list of Path.
+    """The notebooks of "notebooks" or "app", and texts beside them, wherever they were installed.
+
+    Returns
+    -------
+    list of Path
 
     Raises
     ------
@@ -78,14 +84,14 @@ def course_files(part):
         If the installation lacks them.
     """
     tree = Path(facelab.__file__).resolve().parents[1] / part
-    found = sorted(tree.glob("*.ipynb")) if tree.is_dir() else []
+    found = sorted(f for f in tree.glob("*") if f.suffix in KINDS)
     if not found:
         try:
             held = files("facelab") or []
         except PackageNotFoundError:
             held = []
         home = ("share", "facelab", part)
-        found = [Path(f.locate()) for f in held if f.parts[-4:-1] == home and f.suffix == ".ipynb"]
+        found = [Path(f.locate()) for f in held if f.parts[-4:-1] == home and f.suffix in KINDS]
         found = sorted(f.resolve() for f in found if f.is_file())
     if not found:
         raise FileNotFoundError(

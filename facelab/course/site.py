@@ -56,7 +56,7 @@ def build(folder, notebooks=None, texts=None):
     folder : str or Path
         Made where it is not there; pages of before are written over.
     notebooks, texts : iterable of Path, optional
-        Those of the repository if left out: `notebooks/*.ipynb` and `docs/*.md`.
+        Those of the repository if left out: `notebooks/*.ipynb`, and `*.md` there and in docs.
 
     Raises
     ------
@@ -64,7 +64,9 @@ def build(folder, notebooks=None, texts=None):
         If there is no notebook.
     """
     sources = sorted((ROOT / "notebooks").glob("*.ipynb")) if notebooks is None else list(notebooks)
-    sources += sorted((ROOT / "docs").glob("*.md")) if texts is None else list(texts)
+    if texts is None:
+        texts = (p for part in ("notebooks", "docs") for p in sorted((ROOT / part).glob("*.md")))
+    sources += texts
     if not sources:
         raise FileNotFoundError(f"there are no notebooks under {ROOT}; run this in a source tree.")
     folder = Path(folder)

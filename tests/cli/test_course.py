@@ -1,5 +1,6 @@
 """The notebooks and the page without make: copied over nothing, started with the right words."""
 
+import re
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ from environment import ROOT
 from facelab.cli import course, main
 
 NOTEBOOKS = sorted(p.name for p in (ROOT / "notebooks").glob("*.ipynb"))
+FILES = [*NOTEBOOKS, "lecturers.md"]
 
 
 @pytest.fixture
@@ -47,11 +49,18 @@ class Server:
 def test_the_notebooks_are_copied_and_the_first_is_opened(started, tmp_path):
     folder = tmp_path / "my" / "course"
     assert main(["lab", str(folder), "--no-browser", "--port", "9123"]) == 0
-    assert sorted(p.name for p in folder.iterdir()) == NOTEBOOKS
+    assert sorted(p.name for p in folder.iterdir()) == FILES
     data, lab = started
     assert data == [sys.executable, "-m", "facelab.data"]
     assert lab[:4] == [sys.executable, "-m", "jupyterlab", str(folder / "00_start.ipynb")]
     assert {"--no-browser", "--ServerApp.port=9123"} < set(lab)
+
+
+def test_no_link_of_a_copy_leads_nowhere(tmp_path):
+    main(["lab", str(tmp_path), "--only-copy"])
+    for path in tmp_path.iterdir():
+        for target in re.findall(r"\]\(([\w./-]+\.(?:ipynb|md))", path.read_text(encoding="utf-8")):
+            assert (tmp_path / target).is_file(), f"{path.name}: {target}"
 
 
 def test_a_notebook_that_was_changed_is_never_written_over(started, tmp_path, capsys):
