@@ -170,6 +170,7 @@ function sliders({ model, el }) {
   const tell = (row, value) => {
     held = row;
     row.show(value);
+    if (waiting && waiting.item !== row.item.id) model.send(waiting);
     waiting = { item: row.item.id, value, asked: ++asked };
     if (!timer) flush();
   };
@@ -198,6 +199,8 @@ function sliders({ model, el }) {
         range.min = along(Math.min(item.low, value));
         range.max = along(Math.max(item.high, value));
         range.value = along(value);
+        const share = (range.value - range.min) / (range.max - range.min);
+        range.style.setProperty("--facelab-share", `${100 * share}%`);
         const shown = item.log ? String(Number(value.toPrecision(3))) : value.toFixed(2);
         range.setAttribute("aria-valuetext", shown);
         if (document.activeElement !== number) number.value = shown;
