@@ -188,7 +188,7 @@ def test_learning_that_no_worker_has_room_for_names_the_blocks_and_the_remedy():
         told = "12000 frames of 3000 numbers, 288 MB", "chunks of 3000 frames", "`memory`"
         for part in told:
             assert part in str(caught.value)
-        small = X[:2000, :300].rechunk((500, 300))
+        small = da.random.default_rng(0).normal(size=(2000, 300), chunks=(500, 300))
         assert facelab.HolisticModel(2).fit(small).n_components == 2
 
 
