@@ -32,6 +32,8 @@ FLAGS = [  # software rendering, and nothing that calls home
 ]
 NOT_OURS = re.compile(  # what pythreejs, JupyterLab and the server say by themselves
     r"t\.on is not a function|Failed to load resource|WebSocket|widget model not found"
+    # and Notebook and Voila, which do not have all that JupyterLab's extensions ask for
+    r"|getter for the shared module|reading 'schema'|'filebrowser:open-path' not registered"
 )
 CELLS_RUN = """() => {
   const error = document.querySelector('[data-mime-type="application/vnd.jupyter.error"]');
