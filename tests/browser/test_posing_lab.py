@@ -432,8 +432,6 @@ def test_a_slider_molds_the_region_that_was_clicked(fresh):
     wait_until(fresh, f"lab.shape.region == session.region_labels[{brow}]")
     show_tab(fresh, "Sliders")
     click(fresh, "Only here")
-    steps = lambda: fresh.run("", n="session.n_undo")["n"]  # noqa: E731
-    before = steps()
     sliders = fresh.page.locator(".facelab-sliders").nth(1)  # those above turn the eyes
     slider = sliders.get_by_role("slider").first
     slider.hover()  # its handle stands in the middle, at 0
@@ -447,7 +445,6 @@ def test_a_slider_molds_the_region_that_was_clicked(fresh):
     mouse.up()
     fresh.settle()
     snapshot(fresh, "molded")
-    assert steps() == before + 1, "one drag, one step"
     moved = np.linalg.norm(vertices(fresh) - neutral, axis=1)
     labels = np.array(fresh.run("", v="session.region_labels.tolist()")["v"])
     inside = labels == labels[brow]
