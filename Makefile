@@ -78,8 +78,8 @@ test: lint unit test-notebooks test-browser
 	@echo "facelab: make test passed"
 
 # What runs two at a time has one core each: more threads would wait for each other.
-unit test-notebooks test-browser test-long: export OMP_NUM_THREADS = 1
-unit test-notebooks test-browser test-long: export OPENBLAS_NUM_THREADS = 1
+unit test-notebooks test-browser test-long test-bare: export OMP_NUM_THREADS = 1
+unit test-notebooks test-browser test-long test-bare: export OPENBLAS_NUM_THREADS = 1
 
 lint: env
 	$(BIN)/ruff check .
@@ -108,10 +108,11 @@ browser: env
 # Beside each other: what shares one lab, and what opens labs of its own.
 BROWSER := $(BIN)/python -m pytest -m "not long" tests/browser
 ONE_LAB := posing_lab and not far_from and not of_its_own
+BOTH = { $(BROWSER) -k "$(ONE_LAB)" & first=$$!; $(BROWSER) -k "not ($(ONE_LAB))"; second=$$?; \
+	wait $$first && test $$second -eq 0; }
 
 test-browser: env data browser
-	@$(BROWSER) -k "$(ONE_LAB)" & first=$$!; $(BROWSER) -k "not ($(ONE_LAB))"; second=$$?; \
-	wait $$first && exit $$second
+	@$(BOTH)
 
 # What takes long, part by part.
 test-all: test-long test-bare
@@ -124,7 +125,8 @@ test-long: env data browser
 	@basename -s .ipynb $(NOTEBOOKS) | $(TWO_AT_A_TIME) $(BIN)/python -m pytest tests/notebooks -k
 
 # As on a machine without data and network, with nothing made before.
-BARE := env -u FACELAB_ICT -u FACELAB_CAPTURES -u FACELAB_ANIMFACE -u FACELAB_AURA FACELAB_OFFLINE=1
+NO_DATA := FACELAB_ICT FACELAB_CAPTURES FACELAB_ANIMFACE FACELAB_AURA
+BARE := env $(addprefix -u ,$(NO_DATA)) FACELAB_OFFLINE=1
 BARE_NOTEBOOKS := $(addprefix notebooks/,05_posing.ipynb 07_sketch_to_action_units.ipynb \
 	08_your_own_face.ipynb)
 
@@ -133,7 +135,7 @@ test-bare: env browser
 	trap 'rm -rf "$$FACELAB_CACHE"' EXIT && trap 'exit 1' INT TERM && set -x && \
 	$(BARE) $(BIN)/python -m facelab.data && \
 	$(BARE) $(NBVAL) $(BARE_NOTEBOOKS) && \
-	$(BARE) $(BIN)/python -m pytest -m "not long" tests/browser
+	export FACELAB_OFFLINE=1 && unset $(NO_DATA) && $(BOTH)
 
 test-wire: env data browser  # pulls of four lengths over three wires, in every way of posing
 	$(BIN)/python -m pytest tests/browser -m long

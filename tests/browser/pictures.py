@@ -40,7 +40,7 @@ POSES = {  # on both sides or not; landmark, and the way to the left and up, mil
     "broad smile": (True, [("mouth_corner_left", 9, 8), ("lip_lower", 0, -4)]),
     "frown": (
         True,
-        [("brow_left_1", -2, -5), ("brow_left_3", -1, -5), ("mouth_corner_left", 0, -6)],
+        [("brow_left_1", -2, -4), ("brow_left_3", -1, -3), ("mouth_corner_left", 0, -6)],
     ),
     "oo": (True, [("mouth_corner_left", -10, 0), ("mouth_inner_lower", 0, -3)]),
     "symmetric smile": (True, [("mouth_corner_left", 6, 6)]),
@@ -97,7 +97,7 @@ def draw(made, path):
         ax.imshow(picture)
         ax.set_title(f"{name}\n{line.split(', mouse')[0]}", fontsize=9)
         ax.set_axis_off()
-    figure.savefig(path, dpi=100)
+    figure.savefig(path, dpi=100, bbox_inches="tight")
 
 
 def main(folder):
