@@ -16,11 +16,23 @@ def plan(name):
     return None
 
 
+def two_at_once(others):
+    """Settings put together by twos where they name different things: fewer runs."""
+    runs = []
+    for other in others:
+        free = (r for r in runs if len(r) == 1 and r[0].keys().isdisjoint(other))
+        if (found := next(free, None)) is None:
+            runs.append([other])
+        else:
+            found.append(other)
+    return [{k: v for other in run for k, v in other.items()} for run in runs]
+
+
 OTHERS = [
     pytest.param(name, other, id=re.sub(r"\W+", "_", f"{name} {other}"))
     for name in NOTEBOOKS
     if plan(name)
-    for other in plan(name).OTHERS
+    for other in two_at_once(plan(name).OTHERS)
 ]
 
 
