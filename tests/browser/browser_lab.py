@@ -324,6 +324,14 @@ class Lab:
             self.server.ask(f"/api/kernels/{self._kernel}", "DELETE")
 
 
+def wait_until(lab, condition):
+    """Wait for a condition in the kernel: a busy machine hears of the mouse late."""
+    end = time.time() + PATIENCE
+    while not lab.run("", c=f"bool({condition})")["c"]:
+        assert time.time() < end, f"{condition} did not come true in {PATIENCE} s"
+        lab.page.wait_for_timeout(50)
+
+
 def write_notebook(path, cells):
     """A notebook of these code cells; its folder is made."""
     path.parent.mkdir(exist_ok=True)

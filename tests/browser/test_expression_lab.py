@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from browser_lab import Lab, write_notebook
+from browser_lab import Lab, wait_until, write_notebook
 from playwright.sync_api import expect
 
 CELL = """
@@ -77,6 +77,7 @@ def test_alpha_and_locks_move_face_and_bars_and_undo_brings_them_back(page_lab):
     lab.settle()
     assert state(lab)[1][k] == pytest.approx(0.6, abs=0.05), "a bar sets its weight"
     page.get_by_label(f"exclude {strongest}", exact=True).click()
+    wait_until(lab, f"session.weights[{k}] == 0")
     lab.settle()
     assert state(lab)[1][k] == 0 and bar(lab, strongest) == 0
     for _ in range(20):

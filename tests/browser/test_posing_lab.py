@@ -2,13 +2,12 @@
 
 import io
 import os
-import time
 from pathlib import Path
 
 import matplotlib.image
 import numpy as np
 import pytest
-from browser_lab import PATIENCE, ROOT, Lab, write_notebook
+from browser_lab import ROOT, Lab, wait_until, write_notebook
 from playwright.sync_api import expect
 
 SMIRK = 8 * np.array([0.5, np.sqrt(0.75), 0])
@@ -43,14 +42,6 @@ def on_page(lab, points):
     at = np.array(lab.run("", p=f"lab.view.project({points}).tolist()")["p"])
     box = lab.page.locator("canvas").first.bounding_box()
     return [(box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in at]
-
-
-def wait_until(lab, condition):
-    """Wait for a condition in the kernel: a busy machine hears of the mouse late."""
-    end = time.time() + PATIENCE
-    while not lab.run("", c=f"bool({condition})")["c"]:
-        assert time.time() < end, f"{condition} did not come true in {PATIENCE} s"
-        lab.page.wait_for_timeout(50)
 
 
 def hover(lab, spot):
