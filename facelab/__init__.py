@@ -67,48 +67,30 @@ __all__ = [
     "studies",
 ]
 
-_ROOMS = (
-    "data",
-    "expression",
-    "files",
-    "geometry",
-    "models",
-    "numeric",
-    "posing",
-    "registration",
-    "segmentation",
-    "studies",
-)
-
-
-def _names():
-    """The names of `__all__`: imported at the first use of one, for it takes seconds."""
-    from facelab.data import (  # noqa: F401
-        DataUnavailable,
-        load_example,
-        load_ict_facekit,
-        load_markers,
-        load_registered,
-        load_take,
-        load_template,
-    )
-    from facelab.expression import ExpressionSession, IntermediateSpace, regress_expression  # noqa: F401
-    from facelab.files import read_markers, read_mesh, read_rig, read_weights  # noqa: F401
-    from facelab.geometry import TriangleMesh, bind_to_samples  # noqa: F401
-    from facelab.models import HolisticModel, RegionModel, rms_error  # noqa: F401
-    from facelab.motion import MarkerSequence, MotionSequence, WeightSequence  # noqa: F401
-    from facelab.pipeline import model_from_take  # noqa: F401
-    from facelab.posing import PosingSession  # noqa: F401
-    from facelab.registration import fit_markers, fit_scan, register_sequence  # noqa: F401
-    from facelab.rig import BlendshapeRig  # noqa: F401
-    from facelab.segmentation import segment_face  # noqa: F401
-
-    return locals()
+_HOMES = {
+    "data": (
+        "DataUnavailable load_example load_ict_facekit load_markers load_registered load_take "
+        "load_template"
+    ),
+    "expression": "ExpressionSession IntermediateSpace regress_expression",
+    "files": "read_markers read_mesh read_rig read_weights",
+    "geometry": "TriangleMesh bind_to_samples",
+    "models": "HolisticModel RegionModel rms_error",
+    "motion": "MarkerSequence MotionSequence WeightSequence",
+    "pipeline": "model_from_take",
+    "posing": "PosingSession",
+    "registration": "fit_markers fit_scan register_sequence",
+    "rig": "BlendshapeRig",
+    "segmentation": "segment_face",
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names.split()}
+"""Where each name is imported from, at its first use: all together take seconds."""
+_ROOMS = [name for name in __all__ if name not in _HOME]
 
 
 def __getattr__(name):
-    if name in __all__ and name not in _ROOMS:
-        globals().update(_names())
+    if name in _HOME:
+        globals()[name] = getattr(importlib.import_module(f"facelab.{_HOME[name]}"), name)
         return globals()[name]
     if not name.startswith("_") and importlib.util.find_spec(f"facelab.{name}"):
         return importlib.import_module(f"facelab.{name}")

@@ -22,6 +22,7 @@ from facelab.widgets.page import ASLEEP, STILL
 _WIDTH = 640  # pixels of a picture in a text
 _MAP_WIDTH = 240  # and in the map of the first page
 _VIEW = "application/vnd.jupyter.widget-view+json"
+_COMPARED = "nbval-check-output"  # tag of cells whose outputs are compared with those stored
 _LARGE = 40_000  # bytes of a stored picture that is worth a palette
 _ASKED = re.compile(r"attachment:(\w+)\.png")
 
@@ -99,7 +100,6 @@ def complete(path):
 
     Views of widgets are left out of the outputs: pictures and lines of text stand for them.
 
-
     Folds go to the cells whose text begins with `**Exercise N`. `attachment:picture.png` is the
     notebook's own picture, `attachment:05.png` that of notebook 05, `attachment:posing.png` the one
     in docs.
@@ -114,7 +114,7 @@ def complete(path):
             for output in cell.get("outputs", ()):
                 _lighten(output.get("data", {}))
             # where nbval compares outputs, it wants those of a run
-            if "outputs" in cell and "NBVAL_CHECK_OUTPUT" not in "".join(cell["source"]):
+            if "outputs" in cell and _COMPARED not in cell["metadata"].get("tags", ()):
                 cell["outputs"] = _seen(cell["outputs"])
             continue
         source = folded("".join(cell["source"]), exercises)

@@ -57,13 +57,6 @@ def own_face(rig, take=None, n_components=20, n_regions=9):
     return arguments, about
 
 
-def eyes_and_teeth(session, models):
-    """Those made for the face; its eyes turn with a rig's look shapes where one is on its mesh."""
-    rigs = [model for model in models.values() if getattr(model, "named", False)]
-    on_mesh = [rig for rig in rigs if rig.n_vertices == session.neutral.n_vertices]
-    return face_props(session.neutral, next(iter(on_mesh), None))
-
-
 def _shown(rig, still):
     """The parts of the file; for a face that has none, eyes and teeth made for it."""
     if not still:

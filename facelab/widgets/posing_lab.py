@@ -9,13 +9,14 @@ import numpy as np
 from facelab.data.examples import load_example
 from facelab.files.rigs import read_rig
 from facelab.geometry.binding import bind_to_samples
+from facelab.looks import face_props
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.plotting import region_colors
 from facelab.posing.session import PosingSession
 from facelab.segmentation.segment import segment_face
 from facelab.widgets.lab import Lab, button, row, toggle
-from facelab.widgets.own_face import eyes_and_teeth, own_face
+from facelab.widgets.own_face import own_face
 from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.posing_clips import ClipPanel
 from facelab.widgets.posing_files import FilePanel
@@ -165,7 +166,7 @@ class PosingLab(Lab):
             self.session.history.unobserve(self._follow)
             del self.places
         self.session, self.models = session, models
-        self.props = eyes_and_teeth(session, models) if props is None else list(props)
+        self.props = face_props(session.neutral, self.rig) if props is None else list(props)
         self.takes, self.about = dict(takes or {}), ""
         self.thumbnails = Thumbnails(session.neutral, self.props)
         self.view = self._new_view(*self.size)

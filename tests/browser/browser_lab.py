@@ -324,6 +324,12 @@ class Lab:
             self.server.ask(f"/api/kernels/{self._kernel}", "DELETE")
 
 
+def snapshot(lab, name):
+    """Save a picture of the page where FACELAB_PICTURES names a folder."""
+    if os.environ.get("FACELAB_PICTURES"):
+        lab.page.screenshot(path=str(Path(os.environ["FACELAB_PICTURES"]) / f"{name}.png"))
+
+
 def wait_until(lab, condition):
     """Wait for a condition in the kernel: a busy machine hears of the mouse late."""
     end = time.time() + PATIENCE

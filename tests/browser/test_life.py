@@ -1,13 +1,11 @@
 """Both labs from first to last: in any theme and size, reloaded, asleep, and before Run."""
 
-import os
 import re
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
-from browser_lab import Lab, write_notebook
+from browser_lab import Lab, snapshot, write_notebook
 from playwright.sync_api import expect
 
 from facelab.course.__main__ import complete
@@ -37,12 +35,6 @@ def living(server):
         yield lab
     finally:
         lab.close()
-
-
-def snapshot(lab, name):
-    """Save a picture of the page where FACELAB_PICTURES names a folder."""
-    if os.environ.get("FACELAB_PICTURES"):
-        lab.page.screenshot(path=str(Path(os.environ["FACELAB_PICTURES"]) / f"{name}.png"))
 
 
 # Of a lab that has been brought to the top of the page: what is cut off, and pale texts.

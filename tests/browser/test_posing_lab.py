@@ -1,13 +1,11 @@
 """The lab as a person uses it: a mouse on a canvas in Jupyter, checked by the vertices."""
 
 import io
-import os
-from pathlib import Path
 
 import matplotlib.image
 import numpy as np
 import pytest
-from browser_lab import ROOT, Lab, wait_until, write_notebook
+from browser_lab import ROOT, Lab, snapshot, wait_until, write_notebook
 from playwright.sync_api import expect
 
 SMIRK = 8 * np.array([0.5, np.sqrt(0.75), 0])
@@ -65,12 +63,6 @@ def pull(lab, name, offset, steps=6, release=True):
     if release:
         mouse.up()
     lab.settle()
-
-
-def snapshot(lab, name):
-    """Save a picture of the page where FACELAB_PICTURES names a folder."""
-    if os.environ.get("FACELAB_PICTURES"):
-        lab.page.screenshot(path=str(Path(os.environ["FACELAB_PICTURES"]) / f"{name}.png"))
 
 
 def show_tab(lab, name):
