@@ -84,7 +84,8 @@ def five_poses(lab):
         down = sum(drag(lab, *each) for each in pulls)
         took = time.perf_counter() - began
         pins = lab.run("", n="len(lab.session.pins)")["n"]
-        line = f"{len(pulls)} pulls, {pins} pins, mouse down {down:.1f} s, {took:.1f} s in all"
+        count = f"{len(pulls)} pull{'s' * (len(pulls) > 1)}, {pins} pins"
+        line = f"{count}, mouse down {down:.1f} s, {took:.1f} s in all"
         print(f"{name}: {line}", flush=True)
         made[name] = canvas(lab), line
     return made
