@@ -6,6 +6,7 @@ from facelab.checks import check_index
 from facelab.widgets.page import Page, markup
 
 _COLORS = "#d55e00", "#0072b2", "#56b4e9"  # regions, whole face twice: as in the figures
+_WIDE = {"style": {"description_width": "96px"}}  # the longest name is 'components'
 
 
 class ErrorView(Page):
@@ -32,11 +33,15 @@ class ErrorView(Page):
         self.grid = grid
         person = check_index(person, "person", len(people), "people")
         options = [(str(n), i) for i, n in enumerate(grid.counts)]
-        self.regions = widgets.SelectionSlider(options=options, description="regions")
+        self.regions = widgets.SelectionSlider(options=options, description="regions", **_WIDE)
         options = [(str(n), i) for i, n in enumerate(grid.sizes)]
-        self.components = widgets.SelectionSlider(options=options, description="components")
+        self.components = widgets.SelectionSlider(
+            options=options, description="components", **_WIDE
+        )
         options = [(name, i) for i, name in enumerate(people)]
-        self.person = widgets.Dropdown(options=options, value=person, description="tested on")
+        self.person = widgets.Dropdown(
+            options=options, value=person, description="tested on", **_WIDE
+        )
         self._build_messages()
         self._bars = widgets.HTML()
         controls = (self.regions, self.components, self.person)
