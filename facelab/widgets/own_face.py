@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from facelab.expression.landmarks import guess_landmarks
+from facelab.geometry.mesh import TriangleMesh
 from facelab.looks import face_props
 from facelab.pipeline import model_from_take
 
@@ -58,10 +60,19 @@ def own_face(rig, take=None, n_components=20, n_regions=9):
 
 
 def _shown(rig, still):
-    """The parts of the file; for a face that has none, eyes and teeth made for it."""
-    if not still:
-        return face_props(rig.neutral, rig)
-    return [(mesh, _colors(mesh)) for mesh in still]
+    """The parts of the file; for a face that has none, eyes and teeth made for it.
+
+    Where a file has no landmarks they are guessed, for this alone.
+    """
+    if still:
+        return [(mesh, _colors(mesh)) for mesh in still]
+    face = rig.neutral
+    if not face.landmarks:
+        try:
+            face = TriangleMesh(face.vertices, face.faces, guess_landmarks(rig))
+        except ValueError:  # of other shapes
+            return []
+    return face_props(face, rig)
 
 
 def _colors(mesh):

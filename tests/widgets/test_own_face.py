@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from planted import bumpy_rig
 
+from facelab.data import load_example
 from facelab.files import read_rig, write_glb
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import WeightSequence
 from facelab.rig import BlendshapeRig
 from facelab.widgets import PosingLab
+from facelab.widgets.own_face import _shown
 
 FIXTURES = Path(__file__).resolve().parents[1] / "fixtures"
 pytestmark = pytest.mark.filterwarnings("ignore:.*longest side is")
@@ -69,3 +71,13 @@ def test_a_file_that_is_no_rig_leaves_the_lab_as_it_was(tmp_path):
     with pytest.raises(ValueError, match=r"bad\.glb"):
         lab.become(tmp_path / "bad.glb")
     assert lab.session is session
+
+
+def test_a_head_without_landmarks_or_parts_gets_eyes_and_teeth_where_its_shapes_tell_of_them():
+    rig = load_example().rig
+    bare = TriangleMesh(rig.neutral.vertices, rig.neutral.faces)
+    shown = _shown(BlendshapeRig(bare, rig.names, rig.deltas), [])
+    assert [prop.name for prop in shown[:3]] == ["eye_left", "eye_right", "teeth_upper"]
+    off = {"eye_left": 1, "eye_right": -1}  # the side, head frame
+    assert all(off[prop.name] * prop.mesh.vertices[:, 0].mean() > 15 for prop in shown[:2])
+    assert _shown(BlendshapeRig(bare, [f"shape {k}" for k in range(2)], rig.deltas[:2]), []) == []
