@@ -217,4 +217,7 @@ function bars({ model, el }) {
   return () => { undraw(); unsort(); model.off("msg:custom", hear); };
 }
 
-export default { render: (context) => (context.model.get("kind") === "curve" ? curve : bars)(context) };
+export default {
+  initialize: stayInTouch,
+  render: (context) => (context.model.get("kind") === "curve" ? curve : bars)(context),
+};

@@ -2,11 +2,12 @@
 
 import traitlets
 
-from facelab.widgets.parts import Part, drawn_by
+from facelab.widgets.in_touch import script, style
+from facelab.widgets.parts import Part
 
 
 class _Drawn(Part):
-    _esm, _css = drawn_by("expression_parts")
+    _esm, _css = script("expression_parts"), style("expression_parts")
 
 
 class AlphaCurve(_Drawn):

@@ -568,7 +568,11 @@ class Hand {
 
   // The kernel has dealt with a pull: what it sent is what is shown.
   settle(press) {
-    if (this.drag?.press === press) this.drag = null;
+    if (this.drag?.press === press) {
+      this.drag = null;
+      clearTimeout(this.stepping);
+      this.stepping = 0;
+    }
     const drag = this.let.get(press);
     this.let.delete(press);
     if (this.drag?.answer) return this.draw();
@@ -681,6 +685,7 @@ async function found(model, el, signal) {
 }
 
 export default {
+  initialize: stayInTouch,
   render({ model, el }) {
     const ended = new AbortController();
     let hand = null;

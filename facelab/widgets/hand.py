@@ -4,18 +4,14 @@ From a press on the page itself finds what was taken hold of, moves the face and
 answer to the press says how the face follows. So a drag feels and ends the same on any wire.
 """
 
-from pathlib import Path
-
-import anywidget
 import numpy as np
 import traitlets
 
 from facelab.posing.bounded import BoundedPull
+from facelab.widgets.in_touch import InTouch, script, style
 
-_HERE = Path(__file__).parent
 
-
-class Hand(anywidget.AnyWidget):
+class Hand(InTouch):
     """Sits on the canvas of a face, see `FaceView`.
 
     Attributes
@@ -29,10 +25,7 @@ class Hand(anywidget.AnyWidget):
         Of the last `BoundedPull`, sent once.
     """
 
-    _esm = "\n".join(
-        (_HERE / name).read_text(encoding="utf-8") for name in ("hand_math.js", "hand.js")
-    )
-    _css = (_HERE / "hand.css").read_text(encoding="utf-8")
+    _esm, _css = script("hand_math", "hand"), style("hand")
     ids = traitlets.Dict().tag(sync=True)
     middle = traitlets.List().tag(sync=True)
     n_vertices = traitlets.Int().tag(sync=True)

@@ -103,7 +103,9 @@ function normalsOf(X, faces, nFaces, n, out) {
   }
 }
 
-// Where a ray first meets triangles (Moeller, Trumbore): {t, face}, or null.
+// Where a ray first meets triangles (Moeller, Trumbore): {t, face}, or null. No ray slips through
+// between two that share an edge: seen from the front, the middle of a face is one line of edges.
+const EDGE = 1e-9; // of a triangle
 function firstHit(origin, way, X, faces, nFaces) {
   const [ox, oy, oz] = origin;
   const [dx, dy, dz] = way;
@@ -117,10 +119,10 @@ function firstHit(origin, way, X, faces, nFaces) {
     if (det === 0) continue;
     const sx = ox - X[a], sy = oy - X[a + 1], sz = oz - X[a + 2];
     const u = (sx * px + sy * py + sz * pz) / det;
-    if (u < 0 || u > 1) continue;
+    if (u < -EDGE || u > 1 + EDGE) continue;
     const qx = sy * uz - sz * uy, qy = sz * ux - sx * uz, qz = sx * uy - sy * ux;
     const v = (dx * qx + dy * qy + dz * qz) / det;
-    if (v < 0 || u + v > 1) continue;
+    if (v < -EDGE || u + v > 1 + EDGE) continue;
     const t = (vx * qx + vy * qy + vz * qz) / det;
     if (t > 0 && (!best || t < best.t)) best = { t, face: f };
   }

@@ -15,6 +15,7 @@ function pace(slider) {
 
 export default {
   async initialize({ model }) {
+    stayInTouch({ model });
     const get = (id) => model.widget_manager.get_model(id);
     (await Promise.all(model.get("sliders").map(get))).forEach(pace);
   },

@@ -1,12 +1,11 @@
 """Sliders that tell the kernel at most ten times a second where they are."""
 
-from pathlib import Path
-
-import anywidget
 import traitlets
 
+from facelab.widgets.in_touch import InTouch, script
 
-class Pace(anywidget.AnyWidget):
+
+class Pace(InTouch):
     """Holds sliders back in the page; what they tell last always arrives.
 
     Parameters
@@ -14,7 +13,7 @@ class Pace(anywidget.AnyWidget):
     sliders : ipywidgets.Widget
     """
 
-    _esm = Path(__file__).with_suffix(".js").read_text(encoding="utf-8")
+    _esm = script("pace")
     sliders = traitlets.List().tag(sync=True)
 
     def __init__(self, *sliders):

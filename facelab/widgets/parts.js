@@ -310,4 +310,4 @@ function track({ model, el }) {
 }
 
 const KINDS = { keys, list, sliders, track };
-export default { render: (context) => KINDS[context.model.get("kind")](context) };
+export default { initialize: stayInTouch, render: (context) => KINDS[context.model.get("kind")](context) };

@@ -1,24 +1,17 @@
 """Parts of a page that ipywidgets lacks: keys under the mouse, lists with pictures and buttons."""
 
-from pathlib import Path
-
-import anywidget
 import traitlets
 
-_HERE = Path(__file__).parent
+from facelab.widgets.in_touch import InTouch, script, style
+
 ROOT = "facelab-lab"
 """Class of the element within which keys are heard."""
 
 
-def drawn_by(source):
-    """The .js and the .css of a part, by the name that they share."""
-    return [(_HERE / f"{source}.{ending}").read_text(encoding="utf-8") for ending in ("js", "css")]
-
-
-class Part(anywidget.AnyWidget):
+class Part(InTouch):
     """A part that the page draws, as what its `kind` says."""
 
-    _esm, _css = drawn_by("parts")
+    _esm, _css = script("parts"), style("parts")
     kind = traitlets.Unicode().tag(sync=True)
 
 

@@ -32,6 +32,8 @@ FLAGS = [  # software rendering, and nothing that calls home
 ]
 NOT_OURS = re.compile(  # what pythreejs, JupyterLab and the server say by themselves
     r"t\.on is not a function|Failed to load resource|WebSocket|widget model not found"
+    # anywidget, of a page too busy to start its parts in two seconds: they hear the kernel anyhow
+    r"|\[anywidget\] Failed to initialize model"
     # and Notebook and Voila, which do not have all that JupyterLab's extensions ask for
     r"|getter for the shared module|reading 'schema'|'filebrowser:open-path' not registered"
 )
@@ -43,10 +45,11 @@ CELLS_RUN = """() => {
 NO_CELL_RUN = """() => [...document.querySelectorAll('.jp-CodeCell .jp-InputPrompt')].every(
   e => /\\[ *\\]/.test(e.textContent))"""
 ECHO = """
-import anywidget as _anywidget
+from facelab.widgets.in_touch import InTouch as _InTouch, script as _script
 
-class _Echo(_anywidget.AnyWidget):
-    _esm = '''export default { initialize({ model }) {
+class _Echo(_InTouch):
+    _esm = _script() + '''export default { initialize({ model }) {
+      stayInTouch({ model });
       const drawn = () => new Promise(requestAnimationFrame);
       model.on("msg:custom", async ({ call, draw }) => {
         if (draw) await drawn().then(drawn);

@@ -78,3 +78,20 @@ def test_a_ray_finds_the_first_triangle_and_normals_are_the_mesh_s(page, grid, r
         assert hit["face"] == f and hit["t"] == pytest.approx(45)
     away = [[0.0, 0, 90], [0, 0, 1], X, F]
     assert page.evaluate("([o, d, X, F]) => firstHit(o, d, X, F, F.length / 3)", away) is None
+
+
+def test_no_ray_slips_through_between_triangles_that_share_an_edge_or_a_corner(page, grid, rng):
+    bent = grid.vertices + np.sin(grid.vertices[:, [1, 0, 0]] / 15) * [0, 0, 4]
+    ends = np.concatenate([grid.faces[:, [a, a - 1]] for a in range(3)])
+    ends, seen = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
+    ends = ends[seen == 2]
+    shares = rng.random((len(ends), 1))
+    shares[::5] = 0  # a corner
+    points = bent[ends[:, 0]] * (1 - shares) + bent[ends[:, 1]] * shares
+    X, F = bent.ravel().tolist(), grid.faces.ravel().tolist()
+    eye = [1.1, -3.7, 83.3]
+    missed = page.evaluate(
+        "([o, ways, X, F]) => ways.filter((d) => !firstHit(o, d, X, F, F.length / 3)).length",
+        [eye, (points - eye).tolist(), X, F],
+    )
+    assert missed == 0

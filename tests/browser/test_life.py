@@ -84,6 +84,41 @@ LOOK = """lab => {
   return complaints;
 }"""
 
+# A page in which no model starts in the time that anywidget gives it.
+NO_TIME = """AbortSignal.timeout = () => {
+  const ended = new AbortController();
+  queueMicrotask(() => ended.abort());
+  return ended.signal;
+}"""
+
+
+def test_a_page_too_busy_to_start_its_parts_in_time_still_hears_the_kernel(server):
+    lab = Lab(server)
+    try:
+        lab.page.add_init_script(NO_TIME)
+        cells = CELLS[0].replace("320", "200").replace("368", "230")
+        lab.open(write_notebook(lab.folder / "source" / "busy.ipynb", [cells]))
+        lab.bring_into_view()
+        page, pins = lab.page, lab.page.locator(".facelab-pin")
+        lab.run(
+            "session, face = lab.session, lab.session.neutral\n"
+            "v = face.landmarks['mouth_corner_left']\n"
+            "session.pull(v, face.vertices[v] + [3, 3, 0])"
+        )
+        expect(pins).to_have_count(1)
+        box = pins.first.bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + 5, y + 5)
+        answered = "document.querySelector('.facelab-face').facelab.drag.answer"
+        page.wait_for_function(f"Boolean({answered})")
+        page.mouse.up()
+        lab.settle()
+        assert lab.run("", n="session.n_undo")["n"] == 2
+    finally:
+        lab.close()
+
 
 @pytest.mark.parametrize("theme", ["Light", "Dark"])
 def test_face_and_controls_of_both_labs_are_in_view_and_legible(living, theme):
