@@ -13,7 +13,7 @@ from facelab.looks.light import shaded
 from facelab.looks.lining import Lining
 from facelab.looks.occlusion import skin_colors
 from facelab.looks.palette import PALETTE, map_colors
-from facelab.looks.props import face_props, followed, lids_off
+from facelab.looks.props import face_props, lids_off, shown
 from facelab.looks.raster import rasterise
 from facelab.segmentation.clusters import renumbered
 
@@ -96,7 +96,7 @@ def draw_face(ax, mesh, vertices=None, colors=None, view="front", props=None, sh
     lining = Lining(mesh)
     if len(lining.faces):
         parts.append((lining.vertices(V), lining.faces, lining.colors, 0.0))
-    parts += [(followed(prop, V), *_drawn(prop)) for prop in props]
+    parts += [_drawn(prop, V) for prop in props]
     _show(ax, parts, axes, shade)
     return lambda points: np.atleast_2d(points) @ axes[:2].T
 
@@ -107,10 +107,11 @@ def _own_colors(mesh, props):
     return mesh.texture.at_vertices(mesh.faces, mesh.n_vertices, to_rgb(SKIN))
 
 
-def _drawn(prop):
-    """Triangles, colours and gloss of a part."""
-    mesh, colors = prop
-    return mesh.faces, colors, getattr(prop, "gloss", 0.0)
+def _drawn(prop, V):
+    """Vertices, triangles, colours and gloss of a part of a face at V."""
+    mesh, _ = prop
+    at, colors = shown(prop, V)
+    return at, mesh.faces, colors, getattr(prop, "gloss", 0.0)
 
 
 def _show(ax, parts, axes, shade):

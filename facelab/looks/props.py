@@ -16,6 +16,7 @@ from facelab.geometry.mesh import TriangleMesh
 from facelab.looks.eyes import IRIS, ball_mesh, fitted_ball, turned
 from facelab.looks.gaze import Gaze
 from facelab.looks.lids import Lids
+from facelab.looks.lips import Lips
 from facelab.looks.openings import SIDES, eye_opening, mouth_opening
 from facelab.looks.teeth import row_of_teeth, tongue
 
@@ -25,6 +26,7 @@ _NEEDED = {
     *(f"eye_{side}_{end}" for side in SIDES for end in ("inner", "outer")),
     *("mouth_corner_left", "mouth_corner_right", "chin"),
 }
+_DARK = np.array([0.10, 0.05, 0.05])  # share of their colour that teeth keep behind closed lips
 _made = WeakKeyDictionary()
 
 
@@ -48,6 +50,8 @@ class Prop:
         Of an eye: they keep the skin off it.
     look : callable, optional
         Of an eye: takes the vertices of the face and a gaze to its own vertices, see `turn_eyes`.
+    lips : Lips, optional
+        Of teeth and tongue: they let light through, see `shown`.
     """
 
     name: str
@@ -57,6 +61,7 @@ class Prop:
     gloss: float = 0.0
     lids: Lids | None = field(default=None, repr=False)
     look: Callable | None = field(default=None, repr=False)
+    lips: Lips | None = field(default=None, repr=False)
 
     def __iter__(self):
         return iter((self.mesh, self.colors))
@@ -73,6 +78,34 @@ def followed(prop, vertices):
     mesh, _ = prop
     move = getattr(prop, "move", None)
     return mesh.vertices if move is None else move(vertices)
+
+
+def shown(prop, vertices):
+    """A part as it is seen on a face at `vertices`: where it is and its colours, both (n, 3).
+
+    As `followed`, but teeth and tongue are as bright as the lips let light through to them, and do
+    not come through closed lips.
+
+    Parameters
+    ----------
+    prop : Prop or (TriangleMesh, colors)
+    vertices : ndarray of shape (n_vertices, 3)
+        Millimetres.
+
+    Examples
+    --------
+    >>> import facelab
+    >>> face = facelab.load_template()
+    >>> teeth = face_props(face)[2]
+    >>> bool(shown(teeth, face.vertices)[1].max() < 0.5 * teeth.colors.max())  # a closed mouth
+    True
+    """
+    V, (_, colors) = followed(prop, vertices), prop
+    lips = getattr(prop, "lips", None)
+    if lips is None:
+        return V, colors
+    share, V = lips.seen(vertices, V)
+    return V, colors * (_DARK + (1 - _DARK) * share[:, None])
 
 
 def turn_eyes(props, gaze):
@@ -205,6 +238,7 @@ def _mouth(face):
     # the condyles sit before the ears, a little below the eyes
     joint = np.array([at[0], level - 0.11 * tall, at[2] - 0.78 * tall])
     jaw = Jaw(V, face.landmarks["chin"], joint)
+    lips = Lips(face, at) if {"lip_upper", "lip_lower"} <= set(face.landmarks) else None
     props = []
     for name, (mesh, colors), gloss in (
         ("teeth_upper", row_of_teeth(True, scale), 0.55),
@@ -212,9 +246,8 @@ def _mouth(face):
         ("tongue", tongue(scale), 0.3),
     ):
         mesh = mesh.with_vertices(mesh.vertices + at)
-        props.append(
-            Prop(name, mesh, colors, None if name == "teeth_upper" else _with(jaw, mesh), gloss)
-        )
+        move = None if name == "teeth_upper" else _with(jaw, mesh)
+        props.append(Prop(name, mesh, colors, move, gloss, lips=lips))
     return props
 
 

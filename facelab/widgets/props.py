@@ -4,7 +4,9 @@ import numpy as np
 import pythreejs as three
 
 from facelab.geometry.mesh import vertex_normals
-from facelab.looks import followed, lids_off, turn_eyes
+from facelab.looks import lids_off, shown, turn_eyes
+
+_SEEN = 0.02  # of a colour: less need not be sent
 
 
 class PropMeshes:
@@ -27,12 +29,12 @@ class PropMeshes:
         self.gaze = 0.0, 0.0
         for prop in self._all:
             mesh, colors = prop
-            position, normal = (
-                three.BufferAttribute(_f32(x)) for x in (mesh.vertices, mesh.normals)
-            )
-            self.meshes.append(_mesh(prop, mesh, colors, position, normal))
-            if getattr(prop, "move", None) or getattr(prop, "look", None):
-                self._moving.append((prop, mesh.faces, position, normal))
+            buffers = [
+                three.BufferAttribute(_f32(x)) for x in (mesh.vertices, mesh.normals, colors)
+            ]
+            self.meshes.append(_mesh(prop, mesh, *buffers))
+            if any(getattr(prop, way, None) for way in ("move", "look", "lips")):
+                self._moving.append((prop, mesh.faces, *buffers))
 
     def lids_off(self, vertices):
         """A posed face with its lids off the eyes, shape (n, 3), millimetres."""
@@ -40,25 +42,27 @@ class PropMeshes:
 
     def follow(self, vertices):
         """Move them with a face at `vertices`, shape (n, 3), millimetres."""
-        for prop, faces, position, normal in self._moving:
+        for prop, faces, position, normal, color in self._moving:
             (turned,) = turn_eyes([prop], self.gaze)
-            V = _f32(followed(turned, vertices))
+            V, colors = map(_f32, shown(turned, vertices))
             if not np.array_equal(V, position.array):  # nothing is sent of what rests
                 position.array, normal.array = V, _f32(vertex_normals(V, faces))
+            if np.abs(colors - color.array).max() > _SEEN:
+                color.array = colors
 
 
-def _mesh(prop, mesh, colors, position, normal):
+def _mesh(prop, mesh, position, normal, color):
     index = three.BufferAttribute(mesh.faces.ravel().astype(np.uint32), normalized=False)
     geometry = three.BufferGeometry(
         attributes={
             "position": position,
             "normal": normal,
-            "color": three.BufferAttribute(_f32(colors)),
+            "color": color,
             "index": index,
         }
     )
     # of still parts of a file, the bright ones shine
-    gloss = getattr(prop, "gloss", float(np.max(colors) > 0.5))
+    gloss = getattr(prop, "gloss", float(np.max(color.array) > 0.5))
     material = three.MeshStandardMaterial(
         vertexColors="VertexColors",
         roughness=1.0 - 0.78 * gloss,

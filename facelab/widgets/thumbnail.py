@@ -9,11 +9,13 @@ from matplotlib.colors import to_rgb
 from PIL import Image, ImageDraw
 
 from facelab.geometry.mesh import vertex_normals
-from facelab.looks import Lining, followed, turn_eyes
+from facelab.looks import Lining, lids_off, shown, turn_eyes
+from facelab.looks.raster import rasterise
 from facelab.plotting import SKIN
 
 _LIGHT = np.array([-0.28, 0.42, 0.86])
 _BACKGROUND = (0.957, 0.957, 0.949)
+_FINER = 2  # samples along a pixel
 
 
 def captioned(png, text):
@@ -52,42 +54,33 @@ class Thumbnails:
 
         `gaze` is where its eyes look, see `facelab.looks.turn_eyes`.
         """
-        lining = self._lining
+        lining, vertices = self._lining, lids_off(self._props, vertices)
         skin = np.tile(to_rgb(SKIN), (len(vertices), 1))
         parts = [(vertices, self._mesh.faces, skin, 1.0)]
         parts.append((lining.vertices(vertices), lining.faces, lining.colors, 0.0))
         for prop in turn_eyes(self._props, gaze):
-            mesh, colors = prop
-            parts.append((followed(prop, vertices), mesh.faces, colors, 1.0))
-        drawn = [self._fragments(*part) for part in parts]
-        pixel, depth, color = (np.concatenate(a) for a in zip(*drawn, strict=True))
-        order = np.argsort(depth)  # what is written last stands in front
-        image = np.tile(np.float64(_BACKGROUND), (self.width * self.height, 1))
-        image[pixel[order]] = color[order]
+            mesh, _ = prop
+            at, colors = shown(prop, vertices)
+            parts.append((at, mesh.faces, colors, 1.0))
         file = io.BytesIO()
-        matplotlib.image.imsave(file, image.reshape(self.height, self.width, 3), format="png")
+        matplotlib.image.imsave(file, self._drawn(parts), format="png")
         return file.getvalue()
 
-    def _fragments(self, V, F, colors, shading):
-        """Points on the triangles, as close as pixels: pixel, depth and colour of each."""
-        V = np.asarray(V, dtype=float)
-        at = (V[:, :2] - self._middle) * self._scale * [1, -1] + [self.width / 2, self.height / 2]
-        light = 0.5 + 0.55 * (vertex_normals(V, F) @ _LIGHT).clip(0)
-        shaded = np.asarray(colors) * (1 + shading * (light[:, None] - 1))
-        longest = np.linalg.norm(at[F] - at[np.roll(F, 1, axis=1)], axis=2).max(axis=1, initial=0)
-        found = []
-        for steps in (1, 2, 4, 8, 16, 32):
-            these = F[(longest <= steps) & (longest > (steps / 2 if steps > 1 else -1))]
-            a, b = np.mgrid[: steps + 1, : steps + 1].reshape(2, -1)
-            inside = a + b <= steps
-            weights = np.stack([a, b, steps - a - b], axis=1)[inside] / steps
-            found.append(
-                [
-                    np.einsum("sc,fcx->fsx", weights, X[these]).reshape(-1, X.shape[1])
-                    for X in (at, V[:, 2:], shaded.clip(0, 1))
-                ]
-            )
-        spot, depth, color = (np.concatenate(x) for x in zip(*found, strict=True))
-        x, y = np.floor(spot).astype(int).T
-        seen = (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)
-        return (y * self.width + x)[seen], depth[seen, 0], color[seen]
+    def _drawn(self, parts):
+        """Parts (vertices, faces, colours, shading) from the front: (height, width, 3)."""
+        V = np.concatenate([part[0] for part in parts])
+        start = np.cumsum([0] + [len(part[0]) for part in parts])
+        F = np.concatenate([part[1] + s for part, s in zip(parts, start, strict=False)])
+        paint = np.concatenate([_lit(*part) for part in parts]).clip(0, 1)
+        size = _FINER * np.array([self.width, self.height])
+        at = (V[:, :2] - self._middle) * _FINER * self._scale * [1, -1] + size / 2
+        face, weights = rasterise(at[F], V[F, 2], *size)
+        image = np.tile(np.float64(_BACKGROUND), (*face.shape, 1))
+        seen = face >= 0
+        image[seen] = np.einsum("nc,ncx->nx", weights[seen], paint[F[face[seen]]])
+        return image.reshape(self.height, _FINER, self.width, _FINER, 3).mean(axis=(1, 3))
+
+
+def _lit(V, F, colors, shading):
+    light = 0.5 + 0.55 * (vertex_normals(V, F) @ _LIGHT).clip(0)
+    return np.asarray(colors) * (1 + shading * (light[:, None] - 1))

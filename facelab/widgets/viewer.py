@@ -93,6 +93,7 @@ class FaceView:
         self._look = "skin"
         self._reserve_points(0)
         self._props = PropMeshes(face_props(mesh) if props is None else props)
+        self._props.follow(self._V)  # teeth are in the dark of the mouth from the start
         if linked_to is None:
             self._build_camera(width / height)
             self._grip = SimpleNamespace(press=None, hand=None)  # what holds any linked view

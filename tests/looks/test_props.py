@@ -118,7 +118,7 @@ def test_parts_in_the_page_follow_the_face_and_still_ones_are_not_sent_again():
     shown.follow(rig.neutral.vertices)
     assert sent == []
     shown.follow(rig.shape({"AU27": 1}))
-    assert sent == [3, 4]  # lower teeth and tongue
+    assert {3, 4} <= set(sent) <= {2, 3, 4}  # lower teeth and tongue; no eye
 
 
 def test_parts_are_written_as_meshes_of_their_own_with_the_same_targets(tmp_path):
