@@ -9,14 +9,15 @@ from dataclasses import dataclass, field, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from facelab.checks import as_finite
 from facelab.geometry.jaw import Jaw
 from facelab.geometry.mesh import TriangleMesh
 from facelab.looks.eyes import IRIS, ball_mesh, fitted_ball, turned
+from facelab.looks.gap import Gap, before
 from facelab.looks.gaze import Gaze
 from facelab.looks.lids import Lids
-from facelab.looks.lips import Lips
 from facelab.looks.openings import SIDES, eye_opening, mouth_opening
 from facelab.looks.teeth import row_of_teeth, tongue
 
@@ -26,7 +27,9 @@ _NEEDED = {
     *(f"eye_{side}_{end}" for side in SIDES for end in ("inner", "outer")),
     *("mouth_corner_left", "mouth_corner_right", "chin"),
 }
-_DARK = np.array([0.10, 0.05, 0.05])  # share of their colour that teeth keep behind closed lips
+_LID_THICK = 5.0  # mm from the inner rim of a lid to its outer one, at most
+_LIPS_CLOSED, _LIDS_CLOSED = 3.0, 2.5  # mm apart, or less
+_DARK = np.array([0.10, 0.05, 0.05])  # share of its colour that is left behind closed lips and lids
 _made = WeakKeyDictionary()
 
 
@@ -50,8 +53,8 @@ class Prop:
         Of an eye: they keep the skin off it.
     look : callable, optional
         Of an eye: takes the vertices of the face and a gaze to its own vertices, see `turn_eyes`.
-    lips : Lips, optional
-        Of teeth and tongue: they let light through, see `shown`.
+    gap : Gap, optional
+        Of the lids or lips before it: what they let through, see `shown`.
     """
 
     name: str
@@ -61,7 +64,7 @@ class Prop:
     gloss: float = 0.0
     lids: Lids | None = field(default=None, repr=False)
     look: Callable | None = field(default=None, repr=False)
-    lips: Lips | None = field(default=None, repr=False)
+    gap: Gap | None = field(default=None, repr=False)
 
     def __iter__(self):
         return iter((self.mesh, self.colors))
@@ -83,8 +86,8 @@ def followed(prop, vertices):
 def shown(prop, vertices):
     """A part as it is seen on a face at `vertices`: where it is and its colours, both (n, 3).
 
-    As `followed`, but teeth and tongue are as bright as the lips let light through to them, and do
-    not come through closed lips.
+    As `followed`, but what lies behind closed lips and lids is dark, teeth and tongue are as bright
+    as the lips let light through to them, and do not come through closed lips.
 
     Parameters
     ----------
@@ -101,10 +104,13 @@ def shown(prop, vertices):
     True
     """
     V, (_, colors) = followed(prop, vertices), prop
-    lips = getattr(prop, "lips", None)
-    if lips is None:
+    gap = getattr(prop, "gap", None)
+    if gap is None:
         return V, colors
-    share, V = lips.seen(vertices, V)
+    if prop.lids is not None:
+        share = gap.parted(vertices, V)
+    else:
+        share, V = gap.light(vertices, V), gap.behind(vertices, V)
     return V, colors * (_DARK + (1 - _DARK) * share[:, None])
 
 
@@ -212,9 +218,23 @@ def _eyes(face, rig, iris):
                 1.0,
                 Lids(face.vertices, centre, radius),
                 look,
+                _lid_gap(face, side, opening.rim),
             )
         )
     return props
+
+
+def _lid_gap(face, side, rim):
+    marks, height = face.landmarks, face.vertices[rim, 1]
+    ends = sorted(
+        (marks[f"eye_{side}_{end}"] for end in ("inner", "outer")),
+        key=lambda vertex: face.vertices[vertex, 0],
+    )
+    sides = rim[height.argmax()], rim[height.argmin()]
+    away, nearest = cKDTree(face.vertices[rim]).query(face.vertices)
+    ahead = face.vertices[:, 2] - face.vertices[rim[nearest], 2]
+    skin = np.flatnonzero((away < _LID_THICK) & (ahead >= 0))  # the rim may lie within
+    return Gap(face, ends, sides, skin, _LIDS_CLOSED)
 
 
 def _looking(points, centre, rig, side):
@@ -238,7 +258,11 @@ def _mouth(face):
     # the condyles sit before the ears, a little below the eyes
     joint = np.array([at[0], level - 0.11 * tall, at[2] - 0.78 * tall])
     jaw = Jaw(V, face.landmarks["chin"], joint)
-    lips = Lips(face, at) if {"lip_upper", "lip_lower"} <= set(face.landmarks) else None
+    marks, gap = face.landmarks, None
+    if {"lip_upper", "lip_lower"} <= set(marks):
+        corners = marks["mouth_corner_right"], marks["mouth_corner_left"]
+        lips = marks["lip_upper"], marks["lip_lower"]
+        gap = Gap(face, corners, lips, before(face, corners, at), _LIPS_CLOSED)
     props = []
     for name, (mesh, colors), gloss in (
         ("teeth_upper", row_of_teeth(True, scale), 0.55),
@@ -247,7 +271,7 @@ def _mouth(face):
     ):
         mesh = mesh.with_vertices(mesh.vertices + at)
         move = None if name == "teeth_upper" else _with(jaw, mesh)
-        props.append(Prop(name, mesh, colors, move, gloss, lips=lips))
+        props.append(Prop(name, mesh, colors, move, gloss, gap=gap))
     return props
 
 

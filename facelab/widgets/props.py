@@ -33,7 +33,7 @@ class PropMeshes:
                 three.BufferAttribute(_f32(x)) for x in (mesh.vertices, mesh.normals, colors)
             ]
             self.meshes.append(_mesh(prop, mesh, *buffers))
-            if any(getattr(prop, way, None) for way in ("move", "look", "lips")):
+            if any(getattr(prop, way, None) for way in ("move", "look", "gap")):
                 self._moving.append((prop, mesh.faces, *buffers))
 
     def lids_off(self, vertices):

@@ -10,7 +10,7 @@ import pytest
 from data_synth.action_units import actor_rig
 from facelab.geometry.mesh import TriangleMesh
 from facelab.looks import face_props, followed, shown
-from facelab.looks.lips import Lips
+from facelab.looks.gap import Gap
 from facelab.widgets import FaceView
 from facelab.widgets.thumbnail import Thumbnails
 
@@ -32,7 +32,7 @@ def posed(rig, units):
 
 def without_lips(props):
     """The parts with teeth as bright everywhere as they are made."""
-    return [replace(prop, lips=None) for prop in props]
+    return [replace(prop, gap=None) for prop in props]
 
 
 def white(rig, props, vertices, size):
@@ -77,10 +77,14 @@ def flat_lips(z=10.0):
     lower = F[:, ::-1] + len(upper)
     for corner in (0, 40):
         lower[lower == corner + len(upper)] = corner
-    marks = {"mouth_corner_right": 0, "mouth_corner_left": 40}
-    marks |= {"lip_upper": 41 + 20, "lip_lower": len(upper) + 41 + 20}
+    marks = {"lip_upper": 41 + 20, "lip_lower": len(upper) + 41 + 20}
     V = np.vstack([upper, upper * [1, -1, 1]])
     return TriangleMesh(V, np.vstack([F, lower]), marks)
+
+
+def flat_gap(lips):
+    sides = [lips.landmarks[name] for name in ("lip_upper", "lip_lower")]
+    return Gap(lips, (0, 40), sides, np.arange(lips.n_vertices), 3.0)
 
 
 def parted(lips, gap):
@@ -97,22 +101,24 @@ def test_light_on_teeth_is_that_of_a_long_slit():
     lips, gap, depth = flat_lips(), 6.0, 10.0
     y = np.array([0.0, 2.0, 5.0, 40.0])
     points = np.stack([0 * y, y, 0 * y], axis=1)
-    share, held = Lips(lips, np.zeros(3)).seen(parted(lips, gap), points)
+    V, slit = parted(lips, gap), flat_gap(lips)
+    share = slit.light(V, points)
     up, down = gap / 2 - y, -gap / 2 - y
     t = (up / np.hypot(up, depth) - down / np.hypot(down, depth)) / 2 / 0.4
     t = t.clip(0, 1)
     np.testing.assert_allclose(share, t * t * (3 - 2 * t), atol=1e-6)
-    assert held is points
+    assert slit.behind(V, points) is points
+    assert slit.parted(V, points).tolist() == [1, 1, 1, 1]
 
 
 def test_teeth_do_not_come_through_closed_lips_and_are_not_held_by_open_ones():
     lips = flat_lips(z=10.0)
-    gap = Lips(lips, np.zeros(3))
+    gap = flat_gap(lips)
     tooth = np.array([[0.0, 1.0, 12.0], [3.0, 1.0, 4.0]])  # one before the lips, one behind
-    share, held = gap.seen(lips.vertices, tooth)
-    assert share.tolist() == [0, 0]
+    held = gap.behind(lips.vertices, tooth)
+    assert gap.light(lips.vertices, tooth).tolist() == [0, 0]
     np.testing.assert_allclose(held, [[0, 1, 9.7], [3, 1, 4]], atol=1e-9)
-    assert gap.seen(parted(lips, 6.0), tooth)[1] is tooth
+    assert gap.behind(parted(lips, 6.0), tooth) is tooth
 
 
 def test_a_mouth_that_looks_open_is_not_changed_in_what_is_written(rig):
@@ -129,3 +135,40 @@ def test_the_page_shows_teeth_in_the_dark_of_a_closed_mouth_from_the_start(rig):
     assert teeth.array.max() < 0.3
     view.show(posed(rig, ["AU26"]))
     assert teeth.array.max() > 0.8
+
+
+def eye_pixels(rig, props, vertices, size, gaze):
+    """Bright pixels and all that are neither skin nor dark, in the picture of each eye."""
+    drawn = Thumbnails(rig.neutral, props, *size).png(vertices, gaze)
+    image = matplotlib.image.imread(io.BytesIO(drawn))[..., :3]
+    V, marks = rig.neutral.vertices, rig.neutral.landmarks
+    scale = min(np.array(size) / np.ptp(V[:, :2], axis=0)) / 1.12
+    middle, found = (V.min(axis=0) + V.max(axis=0))[:2] / 2, {}
+    for side in ("left", "right"):
+        ends = V[[marks[f"eye_{side}_{end}"] for end in ("inner", "outer")], :2] - middle
+        x, y = (ends * [scale, -scale] + np.array(size) / 2).T
+        top, low = int(y.min() - 12 * scale), int(y.max() + 12 * scale)
+        eye = image[top:low, int(x.min()) : int(x.max()) + 1]
+        found[side] = int(((eye.min(axis=2) > 0.4) & (np.ptp(eye, axis=2) < 0.12)).sum())
+    return found
+
+
+@pytest.mark.parametrize("gaze", [(0, 0), (25, 0), (-25, 0), (0, 20), (0, -20)])
+def test_no_white_of_an_eye_is_seen_through_closed_lids_wherever_it_looks(rig, gaze):
+    props = face_props(rig.neutral, rig)
+    for closed in (("left", "right"), ("left",), ("right",)):
+        V = posed(rig, [f"AU45{side[0].upper()}" for side in closed])
+        for size in SIZES:
+            found = eye_pixels(rig, props, V, size, gaze)
+            for side, n in found.items():
+                assert n == 0 if side in closed else n > 5, (side, closed, size)
+
+
+def test_lids_that_fail_to_meet_leave_a_dark_line_and_no_white(rig):
+    """A blink of nine tenths: the eye between the lids is seen, but in their shade."""
+    props = face_props(rig.neutral, rig)
+    almost = rig.shape({"AU45L": 0.93, "AU45R": 0.93})
+    dark = {side: 0 for side in ("left", "right")}
+    assert eye_pixels(rig, props, almost, SIZES[2], (25, 0)) == dark
+    lit = [replace(prop, gap=None) for prop in props]
+    assert min(eye_pixels(rig, lit, almost, SIZES[2], (25, 0)).values()) > 5
