@@ -75,6 +75,15 @@ class AlphaView(Page):
         """The fit on screen."""
         return self.fits[self.twist.value, self.lam.value]
 
+    def picture(self):
+        """The face that the units make, or the sketch: bytes of a PNG."""
+        return self.view.picture()
+
+    def _settings_in_words(self):
+        alpha = self.fit.alphas[self.alpha.value]
+        settings = f"alpha {alpha:g}, λ {self.lam.value:g} mm, twists {self.twist.value:g} mm"
+        return (f"{settings}: {self.fit.rms[self.alpha.value]:.3f} mm from the sketch.",)
+
     @shows_errors
     def _changed(self, _):
         fit, i = self.fit, self.alpha.value

@@ -71,6 +71,10 @@ class Player(Page):
         self._build_messages()
         self.slider.observe(self._slide, names="value")
 
+    def picture(self):
+        """The skin of the frame on screen: bytes of a PNG."""
+        return self.view.picture()
+
     @shows_errors
     def _slide(self, change):
         self._show(change["new"])

@@ -70,6 +70,14 @@ class RegistrationView(Page):
         rows = [widgets.HBox([self._play, self.slider]), self.missing, self.colored]
         self.widget = widgets.VBox([self.view.widget, *rows, self._status, self._message])
 
+    def picture(self):
+        """The skin of the frame on screen: bytes of a PNG."""
+        return self.view.picture()
+
+    def _settings_in_words(self):
+        colored = f"; white 0, dark blue {_LIMIT:g} mm off" if self.colored.value else ""
+        return (f"Frame {self.slider.value}, {self.missing.value:.0%} missing{colored}.",)
+
     @shows_errors
     def _hide(self, change):
         self._register(change["new"])

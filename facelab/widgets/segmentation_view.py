@@ -95,6 +95,16 @@ class SegmentationView(Page):
         for control in (self.lam, self.r, self.threshold, self.n_regions, self.grow):
             control.observe(self._changed, names="value")
 
+    def picture(self):
+        """The face in the colours of its regions: bytes of a PNG."""
+        return self.view.picture()
+
+    def _settings_in_words(self):
+        settings = "λ {:.2f}, r {:g} mm, threshold {:.2f}".format(
+            *(slider.value for slider in (self.lam, self.r, self.threshold))
+        )
+        return (f"{settings}: {self.regions.n_regions} regions.",)
+
     @shows_errors
     def _changed(self, _):
         self._cut()

@@ -16,12 +16,14 @@ _LIGHT = np.array([-0.28, 0.42, 0.86])
 _BACKGROUND = (0.957, 0.957, 0.949)
 
 
-def captioned(png, text):
-    """The picture with a line of text below it: base64 of a PNG, as a notebook keeps it."""
+def captioned(png, *lines):
+    """The picture with lines of text below it: base64 of a PNG, as a notebook keeps it."""
     drawn = Image.open(io.BytesIO(png)).convert("RGB")
-    paper = Image.new("RGB", (drawn.width, drawn.height + 24), "white")
+    paper = Image.new("RGB", (drawn.width, drawn.height + 6 + 18 * len(lines)), "white")
     paper.paste(drawn)
-    ImageDraw.Draw(paper).text((8, drawn.height + 5), text, fill="#444", font_size=13)
+    for row, text in enumerate(lines):
+        at = (8, drawn.height + 5 + 18 * row)
+        ImageDraw.Draw(paper).text(at, text, fill="#444", font_size=13)
     file = io.BytesIO()
     paper.save(file, "PNG")
     return base64.b64encode(file.getvalue()).decode()
@@ -47,14 +49,16 @@ class Thumbnails:
         self._middle = (low + high) / 2
         self._scale = min(np.array([width, height]) / (high - low)) / 1.12  # pixels per mm
 
-    def png(self, vertices, gaze=(0.0, 0.0)):
+    def png(self, vertices, gaze=(0.0, 0.0), colors=None):
         """The face at these positions, shape (n_vertices, 3), millimetres, as bytes of a PNG.
 
-        `gaze` is where its eyes look, see `facelab.looks.turn_eyes`.
+        `gaze` is where its eyes look, see `facelab.looks.turn_eyes`; `colors`, shape
+        (n_vertices, 3), 0 to 1, are those of its skin.
         """
         lining = self._lining
-        skin = np.tile(to_rgb(SKIN), (len(vertices), 1))
-        parts = [(vertices, self._mesh.faces, skin, 1.0)]
+        if colors is None:
+            colors = np.tile(to_rgb(SKIN), (len(vertices), 1))
+        parts = [(vertices, self._mesh.faces, colors, 1.0)]
         parts.append((lining.vertices(vertices), lining.faces, lining.colors, 0.0))
         for prop in turn_eyes(self._props, gaze):
             mesh, colors = prop
@@ -76,7 +80,7 @@ class Thumbnails:
         shaded = np.asarray(colors) * (1 + shading * (light[:, None] - 1))
         longest = np.linalg.norm(at[F] - at[np.roll(F, 1, axis=1)], axis=2).max(axis=1, initial=0)
         found = []
-        for steps in (1, 2, 4, 8, 16, 32):
+        for steps in 2 ** np.arange(10):  # longer ones, of a vertex gone astray, are not drawn
             these = F[(longest <= steps) & (longest > (steps / 2 if steps > 1 else -1))]
             a, b = np.mgrid[: steps + 1, : steps + 1].reshape(2, -1)
             inside = a + b <= steps
