@@ -59,7 +59,7 @@ class ErrorView(Page):
         axes = figure.subplots()
         bars = axes.barh(list(self.errors), list(self.errors.values()), color=_COLORS, height=0.6)
         axes.bar_label(bars, fmt=" %.3f mm", fontsize=9)
-        axes.set(xlim=(0, 1.2 * self._longest), xticks=[], ylim=(2.5, -0.5))
+        axes.set(xlim=(0, 1.35 * self._longest), xticks=[], ylim=(2.5, -0.5))
         axes.tick_params(left=False, labelsize=9)
         axes.spines[:].set_visible(False)
         file = io.BytesIO()
@@ -80,9 +80,11 @@ class ErrorView(Page):
         grid = self.grid
         count, size = grid.counts[i], grid.sizes[j]
         self.errors = {
-            f"{count} regions, {size} components each": float(grid.region[i, j, k]),
-            f"whole face, {size} components": float(grid.holistic[j, k]),
-            f"whole face, {count * size} components": float(grid.as_many[i, j, k]),
+            f"{_several(count, 'region')}, {_several(size, 'component')} each": float(
+                grid.region[i, j, k]
+            ),
+            f"whole face, {_several(size, 'component')}": float(grid.holistic[j, k]),
+            f"whole face, {_several(count * size, 'component')}": float(grid.as_many[i, j, k]),
         }
         row = (
             '<div style="display:flex;align-items:center"><span style="width:17em">{}</span>'
@@ -93,3 +95,7 @@ class ErrorView(Page):
             for (name, mm), color in zip(self.errors.items(), _COLORS, strict=True)
         )
         self.say(f"{count * size} parameters in all; stored and reckoned with as {size} are.")
+
+
+def _several(n, what):
+    return f"{n} {what}" + "s" * (n != 1)

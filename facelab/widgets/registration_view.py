@@ -48,7 +48,7 @@ class RegistrationView(Page):
         (self.take,) = actor.names([take])
         self.actor = actor
         self._given = actor.capture.markers(take)
-        self.view = FaceView(actor.fit.mesh, (), width, height)
+        self.view = FaceView(actor.fit.mesh, None, width, height)
         wide = {"layout": {"width": f"{max(width - 120, 240)}px"}}
         self.missing = widgets.FloatSlider(
             max=0.6, step=0.05, description="missing", readout_format=".0%",

@@ -2,17 +2,20 @@
 
 import base64
 import io
+from pathlib import Path
 
+import matplotlib
 import matplotlib.image
 import numpy as np
 from matplotlib.colors import to_rgb
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 
 from facelab.geometry.mesh import vertex_normals
 from facelab.looks import Lining, followed, turn_eyes
 from facelab.plotting import SKIN
 
 _LIGHT = np.array([-0.28, 0.42, 0.86])
+_FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"  # has Greek letters
 _BACKGROUND = (0.957, 0.957, 0.949)
 
 
@@ -21,9 +24,10 @@ def captioned(png, *lines):
     drawn = Image.open(io.BytesIO(png)).convert("RGB")
     paper = Image.new("RGB", (drawn.width, drawn.height + 6 + 18 * len(lines)), "white")
     paper.paste(drawn)
+    font = ImageFont.truetype(_FONT, 12)
     for row, text in enumerate(lines):
         at = (8, drawn.height + 5 + 18 * row)
-        ImageDraw.Draw(paper).text(at, text, fill="#444", font_size=13)
+        ImageDraw.Draw(paper).text(at, text, fill="#444", font=font)
     file = io.BytesIO()
     paper.save(file, "PNG")
     return base64.b64encode(file.getvalue()).decode()

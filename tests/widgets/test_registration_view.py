@@ -3,6 +3,7 @@ import pytest
 from shown import shown
 
 import facelab
+from facelab.looks import face_props, lids_off
 from facelab.widgets import RegistrationView
 
 
@@ -20,7 +21,10 @@ def test_a_frame_shows_the_registered_skin_and_the_markers_left(view, actor):
     view.slider.value = 40
     n = actor.fit.mesh.n_vertices
     skin = view.view._position.array[:n]
-    np.testing.assert_allclose(skin, view.registration.positions([40])[0], atol=1e-3)
+    registered = view.registration.positions([40])[0]
+    expected = lids_off(face_props(actor.fit.mesh), registered)  # an eye is not cut by its lids
+    assert (expected == registered).all(axis=1).mean() > 0.95
+    np.testing.assert_allclose(skin, expected, atol=1e-3)
     seen = actor.capture.markers("rage_5").select(actor.fit.names).visible[40].sum()
     assert f"{seen} of {len(actor.fit.names)} markers" in view._status.value
 
