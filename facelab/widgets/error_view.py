@@ -79,12 +79,11 @@ class ErrorView(Page):
         i, j, k = self.regions.value, self.components.value, self.person.value
         grid = self.grid
         count, size = grid.counts[i], grid.sizes[j]
+        each, in_all = (_several(n, "component") for n in (size, count * size))
         self.errors = {
-            f"{_several(count, 'region')}, {_several(size, 'component')} each": float(
-                grid.region[i, j, k]
-            ),
-            f"whole face, {_several(size, 'component')}": float(grid.holistic[j, k]),
-            f"whole face, {_several(count * size, 'component')}": float(grid.as_many[i, j, k]),
+            f"{_several(count, 'region')}, {each} each": float(grid.region[i, j, k]),
+            f"whole face, {each}": float(grid.holistic[j, k]),
+            f"whole face, {in_all}": float(grid.as_many[i, j, k]),
         }
         row = (
             '<div style="display:flex;align-items:center"><span style="width:17em">{}</span>'
