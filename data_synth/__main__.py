@@ -28,7 +28,7 @@ def main(arguments=None):
         parser.error(f"--random-state {chosen.random_state}: give 0 or more")
     root = chosen.out
     if root is None:
-        from facelab.data.cache import cache_dir
+        from facelab.keeping import cache_dir
 
         root = cache_dir()
     try:

@@ -25,6 +25,7 @@ from data_synth.template import build_template
 from data_synth.units import UNITS, expand
 from facelab.checks import as_finite, as_indices, check_choice, check_index
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+from facelab.keeping import keep_arrays, source_stamp
 from facelab.rig import BlendshapeRig
 
 # Places on the left side: a landmark, and an offset from it in mm on the average face.
@@ -188,7 +189,7 @@ _DRAG = 22.0
 
 
 def _muscle_fields(skin, template, style, contact):
-    """Displacement by the muscles of each unit, shape (n_units, n_vertices, 3), mm."""
+    """Displacement by the muscles of each unit, (n_units, n_vertices, 3) mm, as "muscles"."""
     mirror, flip = template.mirror, np.array([-1.0, 1.0, 1.0])
     share = skin.left_share()[:, None]
     by_unit = {}
@@ -217,7 +218,7 @@ def _muscle_fields(skin, template, style, contact):
         for side, other in zip(sides, (field, (field * flip)[mirror]), strict=False):
             by_unit[side] = other
     still = np.zeros_like(skin.vertices)
-    return np.stack([by_unit.get(name, still) for name in UNITS])
+    return {"muscles": np.stack([by_unit.get(name, still) for name in UNITS])}
 
 
 def _bulge(skin, field, style):
@@ -279,6 +280,8 @@ class ActionUnitRig:
         The neutral face with its anatomy.
     style : Style, optional
         How its skin answers; the average if left out.
+    keep : callable, optional
+        Takes a function that makes arrays and gives them, perhaps from an earlier time.
 
     Attributes
     ----------
@@ -289,7 +292,7 @@ class ActionUnitRig:
     style : Style
     """
 
-    def __init__(self, template, style=None):
+    def __init__(self, template, style=None, keep=lambda make: make()):
         self.style = Style() if style is None else style
         if not isinstance(self.style, Style):
             raise TypeError(f"style must be a Style or None, got {type(style).__name__}.")
@@ -299,7 +302,8 @@ class ActionUnitRig:
         self.neutral = TriangleMesh(template.vertices, template.faces, landmarks)
         skin = Skin(self.neutral, template.curves, template.regions, self.style.spread)
         self._contact = Contact(skin, self.style)
-        self._muscles = _muscle_fields(skin, template, self.style, self._contact)
+        kept = keep(lambda: _muscle_fields(skin, template, self.style, self._contact))
+        self._muscles = kept["muscles"]
         self._strength = np.linalg.norm(self._muscles, axis=2)
         self._jaw = Jaw(skin, template.jaw_axis, self.style)
         self._lids = [
@@ -451,7 +455,7 @@ class _Part:
 
 @lru_cache(maxsize=8)
 def actor_rig(actor, n_vertices=8820):
-    """The rig of one of the four actors, made once and kept.
+    """The rig of one of the four actors, made once and kept in the cache.
 
     Parameters
     ----------
@@ -470,4 +474,9 @@ def actor_rig(actor, n_vertices=8820):
         For an unknown actor.
     """
     check_choice(actor, "actor", tuple(ACTORS))
-    return ActionUnitRig(build_template(ACTORS[actor].anatomy, n_vertices), ACTORS[actor].style)
+    template = build_template(ACTORS[actor].anatomy, n_vertices)
+    name = f"{actor}-{n_vertices}"
+    key = {"code": source_stamp(__name__), "rig": name}
+    return ActionUnitRig(
+        template, ACTORS[actor].style, lambda make: keep_arrays(f"rigs/{name}", key, make)
+    )

@@ -19,6 +19,10 @@ import warnings
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+import pooch
+
+from facelab.storage import load_npz, save_npz
+
 try:
     import fcntl
 except ImportError:  # no such locks on Windows
@@ -214,6 +218,44 @@ def _sweep(folder):
         with suppress(OSError), _held(part, wait=False) as dead:  # BlockingIOError: at work
             if dead or time.time() - part.stat().st_mtime > _ABANDONED:
                 shutil.rmtree(part, ignore_errors=True)
+
+
+# --- the cache ------------------------------------------------------------------------------------
+
+
+def cache_dir():
+    """Folder for downloaded and made data: `FACELAB_CACHE`, else the user's cache folder."""
+    folder = Path(os.environ.get("FACELAB_CACHE") or pooch.os_cache("facelab"))
+    with suppress(OSError):  # what cannot be kept there is kept in a temporary folder
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def keep_arrays(name, key, make):
+    """Arrays that are kept in the cache, made on first use and again where they are in doubt.
+
+    Parameters
+    ----------
+    name : str
+        Folder within `cache_dir()`.
+    key : dict
+        What the arrays follow from, as JSON has it; see `source_stamp`.
+    make : callable
+        Gives the arrays: dict of str to array_like.
+
+    Returns
+    -------
+    dict of str to ndarray
+    """
+    about = "arrays.npz", "facelab-cache", 1
+
+    def write(folder):
+        save_npz(folder / about[0], *about[1:], **make())
+
+    def read(folder):
+        return load_npz(folder / about[0], *about[1:])
+
+    return keep(cache_dir() / name, key, write, read, spare=True)
 
 
 # --- where nothing can be written -----------------------------------------------------------------

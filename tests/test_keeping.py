@@ -13,8 +13,7 @@ import pytest
 import facelab
 from facelab import keeping
 from facelab.data import cache
-from facelab.data.cache import keep_arrays
-from facelab.keeping import build, fault, keep, source_stamp
+from facelab.keeping import build, fault, keep, keep_arrays, source_stamp
 
 KEY = {"code": "abc", "fps": 60}
 

@@ -84,8 +84,7 @@ def build_template(anatomy=None, n_vertices=8820):
     -------
     Template
         Faces built with equal `n_vertices` correspond vertex by vertex, whatever their
-        anatomy.  The first call for a density makes its mesh (about three seconds), later calls
-        take some hundredths of a second.
+        anatomy.  The mesh of a density is made once (about three seconds) and kept in the cache.
 
     Raises
     ------

@@ -11,6 +11,7 @@ from data_synth.template import features, plane
 from data_synth.template.lines import Lines, border_line, edge_length
 from data_synth.template.parts import loop_landmarks
 from data_synth.template.surface import Surface, kernel_basis
+from facelab.keeping import keep_arrays, source_stamp
 from facelab.numeric.threads import single_threaded
 
 _RELAX = 16  # rounds
@@ -90,7 +91,16 @@ def _candidates(sheet, n_vertices):
 @lru_cache(maxsize=8)
 @single_threaded  # the last digit of a sum depends on their number, and the mesh on that digit
 def layout_mesh(n_vertices):
-    """Even triangles over the left half for n_vertices in all: Layout."""
+    """Even triangles over the left half for n_vertices in all, made once and kept: Layout."""
+    key = {"code": source_stamp(__name__), "n_vertices": n_vertices}
+    kept = keep_arrays(f"layouts/{n_vertices}", key, lambda: _laid_out(n_vertices))
+    lines = {name[6:]: line for name, line in kept.items() if name.startswith("lines.")}
+    landmarks = dict(kept["landmarks"].tolist())
+    return Layout(kept["places"], kept["faces"], lines, landmarks, kernel_basis(kept["places"]))
+
+
+def _laid_out(n_vertices):
+    """All of a `Layout` but its basis, as arrays."""
     sheet = _Sheet()
     grid, size, h = _candidates(sheet, n_vertices)
     lines = Lines(sheet, h, n_vertices)
@@ -116,4 +126,5 @@ def layout_mesh(n_vertices):
     faces = plane.flip_edges(sheet(places), places, faces, kept, rounds=20)
     spots = [number for number, place in lines.marks.items() if place[0] > 0.0]
     landmarks = dict(zip(spots, lines.index["marks"], strict=True)) | loop_landmarks(lines, sheet)
-    return Layout(places, faces, lines.ordered, landmarks, kernel_basis(places))
+    named = {f"lines.{name}": line for name, line in lines.ordered.items()}
+    return dict(places=places, faces=faces, landmarks=list(landmarks.items()), **named)

@@ -13,11 +13,13 @@ from urllib.parse import unquote, urldefrag
 
 import nbformat
 from nbconvert import HTMLExporter
+from nbconvert.filters import markdown2html
 
 from facelab.storage import atomic_path
 
 ROOT = Path(__file__).resolve().parents[2]
 FIRST = "00_start"
+_FOLD = re.compile(r"<details>(<summary>[^<]*</summary>)\n\n(.*?)\n\n</details>", re.S)
 _LINK = re.compile(r"\]\((?:\.\./)?(?:notebooks/|docs/)?([\w-]+)\.(ipynb|md)(#[^)]*)?\)")
 
 
@@ -38,6 +40,20 @@ def relinked(markdown, stems):
         return f"]({page_of(stem)}{place or ''})" if stem in stems else match.group(0)
 
     return _LINK.sub(one, markdown)
+
+
+def whole_folds(markdown):
+    """Markdown whose folds are one block of HTML each: nbconvert opens those of several.
+
+    >>> whole_folds("<details><summary>Hint</summary>\\n\\nadd *one*\\n\\n</details>")
+    '<details><summary>Hint</summary><p>add <em>one</em></p></details>'
+    """
+
+    def one(match):
+        inside = markdown2html(match[2]).strip().replace("\n\n", "\n&#10;")  # an empty line ends it
+        return f"<details>{match[1]}{inside}</details>"
+
+    return _FOLD.sub(one, markdown)
 
 
 def _navigation(stems, own):
@@ -78,7 +94,7 @@ def build(folder, notebooks=None, texts=None):
         notebook = _read(path)
         for cell in notebook.cells:
             if cell.cell_type == "markdown":
-                cell.source = relinked(cell.source, stems)
+                cell.source = whole_folds(relinked(cell.source, stems))
         html, _ = exporter.from_notebook_node(notebook, {"metadata": {"name": path.stem}})
         html = re.sub(r"(<body[^>]*>)", rf"\1{_navigation(stems, path.stem)}", html, count=1)
         target = folder / page_of(path.stem)

@@ -2,13 +2,13 @@
 
 from facelab.data.actors import ACTORS, load_capture, load_template
 from facelab.data.aura import AURA_LANDMARKS, AURA_UNITS, load_aura, load_aura_take
-from facelab.data.cache import DataUnavailable, cache_dir, keep_arrays
+from facelab.data.cache import DataUnavailable
 from facelab.data.examples import Example, load_example, synthetic_props
 from facelab.data.ict import ICT_AREAS, load_ict_facekit, load_ict_props
 from facelab.data.markers import ANIMFACE_LANDMARKS, MARKERS, load_markers
 from facelab.data.registered import RegisteredActor, load_registered
 from facelab.data.takes import TAKES, load_take
-from facelab.keeping import source_stamp
+from facelab.keeping import cache_dir, keep_arrays, source_stamp
 
 __all__ = [
     "ACTORS",

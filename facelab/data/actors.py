@@ -1,8 +1,8 @@
 """The four synthetic actors."""
 
 from data_synth import actors
-from facelab.data.cache import cache_dir
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+from facelab.keeping import cache_dir
 
 ACTORS = tuple(actors.ACTORS)
 """Their names, in the order in which Fig. 5 of Tena et al. adds them to the training set."""

@@ -7,9 +7,10 @@ import numpy as np
 import pooch
 
 from facelab.checks import check_number
-from facelab.data.cache import cache_dir, download
+from facelab.data.cache import download
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.polygons import triangulate
+from facelab.keeping import cache_dir
 from facelab.motion import WeightSequence
 from facelab.rig import BlendshapeRig
 

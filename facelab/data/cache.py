@@ -1,13 +1,11 @@
-"""Where ready data are kept, and how they are downloaded, unless `FACELAB_OFFLINE` forbids it."""
+"""How ready data are downloaded into the cache, unless `FACELAB_OFFLINE` forbids it."""
 
 import os
-from contextlib import suppress
 from pathlib import Path
 
 import pooch
 
-from facelab.keeping import keep, writable
-from facelab.storage import load_npz, save_npz
+from facelab.keeping import writable
 
 _REMEDY = (
     "Without a network, copy the data to this machine and name its folder: FACELAB_ICT for a clone "
@@ -29,14 +27,6 @@ class DataUnavailable(RuntimeError):
     >>> "nose_tip" in face.landmarks
     True
     """
-
-
-def cache_dir():
-    """Folder for downloaded and made data: `FACELAB_CACHE`, else the user's cache folder."""
-    folder = Path(os.environ.get("FACELAB_CACHE") or pooch.os_cache("facelab"))
-    with suppress(OSError):  # what cannot be kept there is kept in a temporary folder
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 def _kept(name, sha256, folder):
@@ -85,30 +75,3 @@ def download(url, name, sha256, folder):
         raise DataUnavailable(
             f"{name} is not at hand and could not be downloaded ({type(error).__name__}). {_REMEDY}"
         ) from None
-
-
-def keep_arrays(name, key, make):
-    """Arrays that are kept in the cache, made on first use and again where they are in doubt.
-
-    Parameters
-    ----------
-    name : str
-        Folder within `cache_dir()`.
-    key : dict
-        What the arrays follow from, as JSON has it; see `facelab.keeping.source_stamp`.
-    make : callable
-        Gives the arrays: dict of str to array_like.
-
-    Returns
-    -------
-    dict of str to ndarray
-    """
-    about = "arrays.npz", "facelab-cache", 1
-
-    def write(folder):
-        save_npz(folder / about[0], *about[1:], **make())
-
-    def read(folder):
-        return load_npz(folder / about[0], *about[1:])
-
-    return keep(cache_dir() / name, key, write, read, spare=True)

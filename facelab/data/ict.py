@@ -14,9 +14,10 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from facelab.checks import check_choice
-from facelab.data.cache import cache_dir, download, keep_arrays
+from facelab.data.cache import download
 from facelab.files.obj import read_obj, read_obj_vertices
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+from facelab.keeping import cache_dir, keep_arrays
 from facelab.looks import face_props
 from facelab.rig import BlendshapeRig
 

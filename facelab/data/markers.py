@@ -4,8 +4,9 @@ import os
 from pathlib import Path
 
 from facelab.checks import check_choice
-from facelab.data.cache import cache_dir, download
+from facelab.data.cache import download
 from facelab.files.markers import read_markers
+from facelab.keeping import cache_dir
 
 ANIMFACE_URL = (
     "https://raw.githubusercontent.com/bigoMay/AnimFace/"

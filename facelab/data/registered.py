@@ -12,10 +12,9 @@ from tqdm.auto import tqdm
 
 from facelab.checks import check_number
 from facelab.data.actors import load_capture, load_template
-from facelab.data.cache import keep_arrays
 from facelab.geometry.alignment import Alignment, procrustes
 from facelab.geometry.mesh import TriangleMesh
-from facelab.keeping import source_stamp
+from facelab.keeping import keep_arrays, source_stamp
 from facelab.motion import MotionSequence
 from facelab.registration.fit import MarkerFit, fit_markers, rest_markers
 from facelab.registration.sequence import register_sequence

@@ -4,8 +4,9 @@ import os
 from pathlib import Path
 
 from facelab.checks import check_choice
-from facelab.data.cache import cache_dir, download
+from facelab.data.cache import download
 from facelab.files.takes import read_live_link_csv
+from facelab.keeping import cache_dir
 
 TAKES_URL = (
     "https://raw.githubusercontent.com/alexdjulin/LiveLinkFace-CSV-Retarget-For-Motionbuilder/"

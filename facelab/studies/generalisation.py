@@ -17,10 +17,9 @@ from tqdm.auto import tqdm
 
 from facelab import data
 from facelab.data.actors import ACTORS
-from facelab.data.cache import keep_arrays
 from facelab.data.registered import load_registered
 from facelab.geometry.symmetry import mirror_weights, other_side, symmetrised
-from facelab.keeping import source_stamp
+from facelab.keeping import keep_arrays, source_stamp
 from facelab.models.evaluation import ErrorCurve, error_curves, rms_error, sparse_model
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel

@@ -19,8 +19,9 @@ class AlphaView(Page):
     fits : dict of (float, float) to ExpressionFit
         From twist of the sketch and λ, both in millimetres: one fit for each pair, all on the
         same rig and alphas.
-    props : iterable of (TriangleMesh, colors), optional
-        Still parts to show with the face, such as the eyes.
+    props : iterable of Prop or (TriangleMesh, colors), optional
+        Eyes and teeth to show with the face; if left out, those that
+        `facelab.looks.face_props` makes.
     width, height : int
         Size of the canvas, pixels.
 
@@ -41,7 +42,7 @@ class AlphaView(Page):
 
     _after_error = "The face is as it was."
 
-    def __init__(self, fits, props=(), width=420, height=460):
+    def __init__(self, fits, props=None, width=420, height=460):
         for fit in fits.values():
             check_type(fit, "fits", ExpressionFit, "regress_expression gives one")
         twists, lams = (sorted({pair[i] for pair in fits}) for i in (0, 1))
@@ -74,6 +75,15 @@ class AlphaView(Page):
     def fit(self):
         """The fit on screen."""
         return self.fits[self.twist.value, self.lam.value]
+
+    def picture(self):
+        """The face that the units make, or the sketch: bytes of a PNG."""
+        return self.view.picture()
+
+    def _settings_in_words(self):
+        alpha = self.fit.alphas[self.alpha.value]
+        settings = f"alpha {alpha:g}, λ {self.lam.value:g} mm, twists {self.twist.value:g} mm"
+        return (f"{settings}: {self.fit.rms[self.alpha.value]:.3f} mm from the sketch.",)
 
     @shows_errors
     def _changed(self, _):

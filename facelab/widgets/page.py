@@ -21,8 +21,11 @@ ASLEEP = "not running. Press Run (Shift and Enter)."
 """What a page says in a notebook that does not run."""
 STILL = "facelab-still"
 """Class of the picture that stands for it there."""
-# beside it JupyterLab would say that it knows no such widget; where it trusts a notebook, not
-_UNSAID = f""".jp-OutputArea:has(.{STILL}) .jp-OutputArea-output.jupyter-widgets:not(:has(*)) {{
+_LIVE = "facelab-page"
+# the picture goes while the page is there; without a page JupyterLab would say beside the picture
+# that it knows no such widget: where it trusts a notebook, not
+_INSTEAD = f""".jp-OutputArea:has(.{_LIVE}) .{STILL} {{ display: none; }}
+.jp-OutputArea:has(.{STILL}) .jp-OutputArea-output.jupyter-widgets:not(:has(*)) {{
 display: none; }}"""
 _LINKED_BYTES = 12e6  # larger files get no link in the page
 
@@ -72,7 +75,8 @@ class Page:
     """One base for all labs and views. Its `widget` is the whole page.
 
     A page shows itself as the last line of a cell. It has a line for what is going on (`say`) and
-    a box for what went wrong (`fail`).
+    a box for what went wrong (`fail`). `picture`, bytes of a PNG, stands for it in a notebook that
+    does not run.
     """
 
     _after_error = "The face is as it was."
@@ -88,16 +92,19 @@ class Page:
         return {**self.widget._repr_mimebundle_(**kwargs), **still}
 
     def _ipython_display_(self):
-        """Show the page, and above it what stands in the notebook where its kernel does not run.
-
-        The style of the page hides that picture while the page is there (`parts.css`).
-        """
+        """Show the page, and above it what stands in the notebook where its kernel does not run."""
         if hasattr(self, "picture"):
-            picture = captioned(self.picture(), f"{type(self).__name__}: {ASLEEP}")
+            words = *self._settings_in_words(), f"{type(self).__name__}: {ASLEEP}"
             html = '<div class="{}"><img alt="{}" src="data:image/png;base64,{}"></div>'
-            style = markup("<style>{}</style>", _UNSAID)
-            display(HTML(style + markup(html, STILL, ASLEEP, picture)))
+            style = markup("<style>{}</style>", _INSTEAD)
+            picture = captioned(self.picture(), *words)
+            display(HTML(style + markup(html, STILL, " ".join(words), picture)))
+        self.widget.add_class(_LIVE)
         display(self._repr_mimebundle_(), raw=True)
+
+    def _settings_in_words(self):
+        """Lines below the picture: what it shows, where one cannot read that off the sliders."""
+        return ()
 
     def say(self, text):
         """Show what is going on: a text, escaped, or `markup`."""

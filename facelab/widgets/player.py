@@ -18,8 +18,9 @@ class Player(Page):
         The skin in every frame. A lost frame shows the last one that was not, and says so.
     markers : MarkerSequence, optional
         Of the same frames, in the head frame as well; occluded ones are not drawn.
-    props : iterable of (TriangleMesh, colors), optional
-        Still parts to show with the face, such as the eyes.
+    props : iterable of Prop or (TriangleMesh, colors), optional
+        Eyes and teeth to show with the face; if left out, those that
+        `facelab.looks.face_props` makes.
     width, height : int
         Size of the canvas, pixels.
 
@@ -37,7 +38,7 @@ class Player(Page):
         For other kinds of arguments, an empty take, or markers of other frames.
     """
 
-    def __init__(self, motion, markers=None, props=(), width=520, height=520):
+    def __init__(self, motion, markers=None, props=None, width=520, height=520):
         if not isinstance(motion, MotionSequence):
             raise TypeError(f"motion is a {type(motion).__name__}, but must be a MotionSequence.")
         if not motion.n_frames:
@@ -70,6 +71,10 @@ class Player(Page):
         self._link = widgets.jslink((self._play, "value"), (self.slider, "value"))
         self._build_messages()
         self.slider.observe(self._slide, names="value")
+
+    def picture(self):
+        """The skin of the frame on screen: bytes of a PNG."""
+        return self.view.picture()
 
     @shows_errors
     def _slide(self, change):

@@ -20,14 +20,16 @@ class PropMeshes:
     Attributes
     ----------
     meshes : list of pythreejs.Mesh
+    props : list
+        As they were given.
     gaze : array_like of shape (2,)
         Where eyes look when they next follow, see `facelab.looks.turn_eyes`.
     """
 
     def __init__(self, props):
-        self.meshes, self._moving, self._all = [], [], list(props)
+        self.meshes, self._moving, self.props = [], [], list(props)
         self.gaze = 0.0, 0.0
-        for prop in self._all:
+        for prop in self.props:
             mesh, colors = prop
             buffers = [
                 three.BufferAttribute(_f32(x)) for x in (mesh.vertices, mesh.normals, colors)
@@ -38,7 +40,7 @@ class PropMeshes:
 
     def lids_off(self, vertices):
         """A posed face with its lids off the eyes, shape (n, 3), millimetres."""
-        return lids_off(self._all, vertices)
+        return lids_off(self.props, vertices)
 
     def follow(self, vertices):
         """Move them with a face at `vertices`, shape (n, 3), millimetres."""

@@ -48,7 +48,7 @@ class RegistrationView(Page):
         (self.take,) = actor.names([take])
         self.actor = actor
         self._given = actor.capture.markers(take)
-        self.view = FaceView(actor.fit.mesh, (), width, height)
+        self.view = FaceView(actor.fit.mesh, None, width, height)
         wide = {"layout": {"width": f"{max(width - 120, 240)}px"}}
         self.missing = widgets.FloatSlider(
             max=0.6, step=0.05, description="missing", readout_format=".0%",
@@ -69,6 +69,14 @@ class RegistrationView(Page):
         self._register(0.0)
         rows = [widgets.HBox([self._play, self.slider]), self.missing, self.colored]
         self.widget = widgets.VBox([self.view.widget, *rows, self._status, self._message])
+
+    def picture(self):
+        """The skin of the frame on screen: bytes of a PNG."""
+        return self.view.picture()
+
+    def _settings_in_words(self):
+        colored = f"; white 0, dark blue {_LIMIT:g} mm off" if self.colored.value else ""
+        return (f"Frame {self.slider.value}, {self.missing.value:.0%} missing{colored}.",)
 
     @shows_errors
     def _hide(self, change):

@@ -21,8 +21,9 @@ class SegmentationView(Page):
         A dense face to colour instead of the control mesh.
     samples : array_like of int, optional
         Where the vertices of the control mesh lie on it.
-    props : iterable of (TriangleMesh, colors), optional
-        Still parts to show with the face, such as the eyes.
+    props : iterable of Prop or (TriangleMesh, colors), optional
+        Eyes and teeth to show with the face; if left out, those that
+        `facelab.looks.face_props` makes.
     n_regions : int, default=9
         Where that slider starts.
     random_state : int, default=0
@@ -54,7 +55,7 @@ class SegmentationView(Page):
         affinity,
         face=None,
         samples=None,
-        props=(),
+        props=None,
         n_regions=9,
         random_state=0,
         width=520,
@@ -94,6 +95,16 @@ class SegmentationView(Page):
         self._build_messages()
         for control in (self.lam, self.r, self.threshold, self.n_regions, self.grow):
             control.observe(self._changed, names="value")
+
+    def picture(self):
+        """The face in the colours of its regions: bytes of a PNG."""
+        return self.view.picture()
+
+    def _settings_in_words(self):
+        settings = "λ {:.2f}, r {:g} mm, threshold {:.2f}".format(
+            *(slider.value for slider in (self.lam, self.r, self.threshold))
+        )
+        return (f"{settings}: {self.regions.n_regions} regions.",)
 
     @shows_errors
     def _changed(self, _):

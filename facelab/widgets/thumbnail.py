@@ -2,11 +2,13 @@
 
 import base64
 import io
+from pathlib import Path
 
+import matplotlib
 import matplotlib.image
 import numpy as np
 from matplotlib.colors import to_rgb
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 
 from facelab.geometry.mesh import vertex_normals
 from facelab.looks import Lining, lids_off, shown, turn_eyes
@@ -14,16 +16,20 @@ from facelab.looks.raster import rasterise
 from facelab.plotting import SKIN
 
 _LIGHT = np.array([-0.28, 0.42, 0.86])
+_FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"  # has Greek letters
 _BACKGROUND = (0.957, 0.957, 0.949)
 _FINER = 2  # samples along a pixel
 
 
-def captioned(png, text):
-    """The picture with a line of text below it: base64 of a PNG, as a notebook keeps it."""
+def captioned(png, *lines):
+    """The picture with lines of text below it: base64 of a PNG, as a notebook keeps it."""
     drawn = Image.open(io.BytesIO(png)).convert("RGB")
-    paper = Image.new("RGB", (drawn.width, drawn.height + 24), "white")
+    paper = Image.new("RGB", (drawn.width, drawn.height + 6 + 18 * len(lines)), "white")
     paper.paste(drawn)
-    ImageDraw.Draw(paper).text((8, drawn.height + 5), text, fill="#444", font_size=13)
+    font = ImageFont.truetype(_FONT, 12)
+    for row, text in enumerate(lines):
+        at = (8, drawn.height + 5 + 18 * row)
+        ImageDraw.Draw(paper).text(at, text, fill="#444", font=font)
     file = io.BytesIO()
     paper.save(file, "PNG")
     return base64.b64encode(file.getvalue()).decode()
@@ -49,14 +55,16 @@ class Thumbnails:
         self._middle = (low + high) / 2
         self._scale = min(np.array([width, height]) / (high - low)) / 1.12  # pixels per mm
 
-    def png(self, vertices, gaze=(0.0, 0.0)):
+    def png(self, vertices, gaze=(0.0, 0.0), colors=None):
         """The face at these positions, shape (n_vertices, 3), millimetres, as bytes of a PNG.
 
-        `gaze` is where its eyes look, see `facelab.looks.turn_eyes`.
+        `gaze` is where its eyes look, see `facelab.looks.turn_eyes`; `colors`, shape
+        (n_vertices, 3), 0 to 1, are those of its skin.
         """
         lining, vertices = self._lining, lids_off(self._props, vertices)
-        skin = np.tile(to_rgb(SKIN), (len(vertices), 1))
-        parts = [(vertices, self._mesh.faces, skin, 1.0)]
+        if colors is None:
+            colors = np.tile(to_rgb(SKIN), (len(vertices), 1))
+        parts = [(vertices, self._mesh.faces, colors, 1.0)]
         parts.append((lining.vertices(vertices), lining.faces, lining.colors, 0.0))
         for prop in turn_eyes(self._props, gaze):
             mesh, _ = prop

@@ -23,6 +23,7 @@ from facelab.plotting import SKIN
 from facelab.widgets.hand import Hand, packed_riders
 from facelab.widgets.props import PropMeshes
 from facelab.widgets.skin import picture_of, seam_doubles
+from facelab.widgets.thumbnail import Thumbnails
 
 _GHOST = "#2f6fd0"
 _TARGET = (1.0, 0.85, 0.0)
@@ -498,6 +499,11 @@ class FaceView:
     def paint(self, colors):
         """Colour the face: shape (n_vertices, 3), 0 to 1; None for plain skin."""
         self._color.array = self._skin(colors)
+
+    def picture(self):
+        """The face as it is shown, from the front, for where no page runs: bytes of a PNG."""
+        draw = Thumbnails(self.mesh, self._props.props, *self._hand.size)
+        return draw.png(self._V, self.gaze, self._color.array[: self._n])
 
     def project(self, points):
         """Where points fall on the canvas, as the camera stands now.

@@ -1,9 +1,13 @@
 """The course as static pages: every link leads somewhere, every picture is in its page."""
 
+from html.parser import HTMLParser
+from importlib import import_module
+
 import nbformat
 import pytest
 
 from facelab.course import site
+from facelab.course.lesson import LESSONS
 
 
 @pytest.fixture(scope="module")
@@ -37,3 +41,31 @@ def test_a_link_that_leads_nowhere_is_found(tmp_path):
     site.build(tmp_path / "out", [tmp_path / "00_start.ipynb"], [])
     broken = site.broken_links(tmp_path / "out")
     assert broken == ["index.html: 99_gone.ipynb", "index.html: #here"]
+
+
+class _Folds(HTMLParser):
+    """The text of a page that is not folded away."""
+
+    def __init__(self):
+        super().__init__()
+        self.depth, self.open, self.folded = 0, [], []
+
+    def handle_starttag(self, tag, _):
+        self.depth += tag == "details"
+
+    def handle_endtag(self, tag):
+        self.depth -= tag == "details"
+
+    def handle_data(self, data):
+        (self.folded if self.depth else self.open).append(data)
+
+
+@pytest.mark.parametrize("lesson", LESSONS)
+def test_hints_and_solutions_are_folded_away(pages, lesson):
+    (path,) = pages.glob(f"0?_{lesson}.html")
+    page = _Folds()
+    page.feed(path.read_text(encoding="utf-8"))
+    shown, folded = ("".join(part) for part in (page.open, page.folded))
+    for exercise in import_module(f"facelab.course.lessons.{lesson}").EXERCISES:
+        assert exercise.solution in folded and exercise.solution not in shown
+    assert page.depth == 0

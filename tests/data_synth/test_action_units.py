@@ -1,5 +1,7 @@
 """The action units of the synthetic faces: human range, mirror, lids, lips, jaw, and the scan."""
 
+import shutil
+
 import numpy as np
 import pytest
 from crossings import angles, self_intersections
@@ -333,6 +335,33 @@ def test_actors_share_vertices_and_are_made_once():
     rest = [actor_rig(a).neutral for a in ("M1", "F2")]
     np.testing.assert_array_equal(rest[0].faces, rest[1].faces)
     assert rest[0].landmarks == rest[1].landmarks
+
+
+def test_a_kept_rig_is_the_made_one_bit_for_bit_and_what_is_in_doubt_is_made_again(
+    tmp_path, monkeypatch
+):
+    def fails(*_):
+        raise RuntimeError("made again")
+
+    monkeypatch.setenv("FACELAB_CACHE", str(tmp_path))
+    get, f2 = actor_rig.__wrapped__, ACTORS["F2"]
+    made = ActionUnitRig(build_template(f2.anatomy, 1500), f2.style)
+    first = get("F2", 1500)
+    with monkeypatch.context() as kept:
+        kept.setattr("data_synth.action_units._muscle_fields", fails)
+        again = get("F2", 1500)
+        for rig in (first, again):
+            for name in ("_muscles", "deltas"):
+                assert getattr(rig, name).tobytes() == getattr(made, name).tobytes()
+            assert rig.neutral.vertices.tobytes() == made.neutral.vertices.tobytes()
+        shutil.copytree(tmp_path / "rigs" / "F2-1500", tmp_path / "rigs" / "M1-1500")
+        with pytest.raises(RuntimeError, match="made again"):  # another actor's
+            get("M1", 1500)
+        file = tmp_path / "rigs" / "F2-1500" / "arrays.npz"
+        file.write_bytes(file.read_bytes()[:-100])
+        with pytest.raises(RuntimeError, match="made again"):
+            get("F2", 1500)
+    np.testing.assert_array_equal(get("F2", 1500).deltas, made.deltas)
 
 
 def test_unknown_names_are_refused_with_the_known_ones(rig):

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from data_synth.actors import ACTORS
 from data_synth.anatomy import Anatomy
 from data_synth.identity import random_identity
-from data_synth.template import build_template
+from data_synth.template import build_template, layout
 from data_synth.template.layout import layout_mesh
 
 DENSE, SPARSE = 8820, 4375
@@ -372,11 +372,34 @@ def test_every_measurement_does_something():
         assert moved > 0.02 or field.name == "eyeball_radius", field.name
 
 
-def test_the_mesh_does_not_depend_on_the_number_of_threads():
+def test_the_mesh_does_not_depend_on_the_number_of_threads(tmp_path, monkeypatch):
     made = []
     for threads in (1, 2):
+        monkeypatch.setenv("FACELAB_CACHE", str(tmp_path / str(threads)))  # made, not kept
         layout_mesh.cache_clear()
         with threadpool_limits(threads):
             made.append(build_template(n_vertices=3000))
     np.testing.assert_array_equal(made[0].vertices, made[1].vertices)
     np.testing.assert_array_equal(made[0].faces, made[1].faces)
+
+
+def test_a_kept_mesh_is_the_made_one_and_one_of_another_density_is_not_taken(tmp_path, monkeypatch):
+    def fails(_):
+        raise RuntimeError("made again")
+
+    monkeypatch.setenv("FACELAB_CACHE", str(tmp_path))
+    get = layout_mesh.__wrapped__
+    made = layout._laid_out(1500)
+    get(1500)
+    monkeypatch.setattr(layout, "_laid_out", fails)
+    kept = get(1500)
+    for name in ("places", "faces"):
+        assert getattr(kept, name).tobytes() == made[name].tobytes()
+        assert getattr(kept, name).dtype == made[name].dtype
+    assert kept.landmarks == dict(made["landmarks"])
+    for name, line in kept.lines.items():
+        np.testing.assert_array_equal(line, made[f"lines.{name}"])
+    assert len(kept.lines) == len(made) - 3
+    (tmp_path / "layouts" / "1500").rename(tmp_path / "layouts" / "1600")
+    with pytest.raises(RuntimeError, match="made again"):
+        get(1600)

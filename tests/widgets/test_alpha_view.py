@@ -3,6 +3,7 @@ import time
 import numpy as np
 import pytest
 from planted import bumpy_rig
+from shown import shown
 
 from facelab.expression import prepare_units, regress_expression
 from facelab.widgets import AlphaView
@@ -56,3 +57,13 @@ def test_pairs_that_lack_and_what_is_no_fit_are_refused(fits):
         AlphaView(some)
     with pytest.raises(TypeError, match="fits"):
         AlphaView({(0.0, 1.0): "fit"})
+
+
+def test_where_it_does_not_run_a_notebook_has_the_face_as_the_sliders_stood(fits, monkeypatch):
+    view = AlphaView(fits)
+    _, at_rest, _ = shown(view, monkeypatch)
+    view.twist.value, view.alpha.value = 4.0, 2
+    still, image, _ = shown(view, monkeypatch)
+    rms = f"{fits[4.0, 0.01].rms[2]:.3f} mm"
+    assert f"alpha 2, λ 0.01 mm, twists 4 mm: {rms} from the sketch." in still
+    assert at_rest.shape == image.shape and not np.array_equal(at_rest, image)

@@ -1,13 +1,11 @@
 """What stands beside the face in both labs: pins, steps, sliders, library, time, words."""
 
-import base64
-import io
 import re
 
-import matplotlib.image
 import numpy as np
 import pytest
 from planted import bumps, quarters
+from shown import shown
 
 import facelab
 from facelab.expression.session import ExpressionSession
@@ -384,15 +382,12 @@ def test_where_it_does_not_run_a_notebook_has_a_picture_and_says_press_run(
     which, request, monkeypatch
 ):
     page = request.getfixturevalue(which)
-    shown = []
-    monkeypatch.setattr("facelab.widgets.page.display", lambda what, raw=False: shown.append(what))
-    page._ipython_display_()
-    still, bundle = shown
+    still, image, bundle = shown(page, monkeypatch)
     assert "Press Run" in bundle["text/plain"] and "HBox" not in bundle["text/plain"]
-    assert "application/vnd.jupyter.widget-view+json" in bundle
-    png = re.search(r"base64,([^\"]+)", still.data)[1]
-    image = matplotlib.image.imread(io.BytesIO(base64.b64decode(png)))
-    assert image[..., :3].min() < 0.5 < image[..., :3].max() and "Press Run" in still.data
+    assert image.min() < 0.5 < image.max() and "Press Run" in still
+    # the page takes its place
+    (live,) = re.findall(r"has\(\.([\w-]+)\) \.facelab-still { display: none", still)
+    assert live in page.widget._dom_classes
 
 
 def test_another_face_in_the_same_page_leaves_nothing_of_the_first(lab, parts):

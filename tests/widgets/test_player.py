@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from shown import shown
 
 from facelab.geometry.mesh import vertex_normals
 from facelab.motion import MarkerSequence, MotionSequence
@@ -135,3 +136,11 @@ def test_a_view_that_poses_nothing_leaves_the_mouse_to_the_camera(grid):
     assert not view._hand.grabs
     view.on_press = lambda vertex: None
     assert view._hand.grabs
+
+
+def test_where_it_does_not_run_a_notebook_has_the_frame_on_screen(take, monkeypatch):
+    player = Player(*take)
+    _, first, _ = shown(player, monkeypatch)
+    player.slider.value = 3
+    still, later, _ = shown(player, monkeypatch)
+    assert "Press Run" in still and not np.array_equal(first, later)

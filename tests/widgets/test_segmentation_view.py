@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from planted import patch_motion, quarters
 from shapes import grid_mesh
+from shown import shown
 
 from facelab.plotting import region_colors
 from facelab.segmentation.regions import Regions
@@ -138,3 +139,17 @@ def test_colours_of_another_cut_are_kept_where_regions_overlap():
     more = region_colors(Regions(split, mesh), like=(first, colors))
     np.testing.assert_array_equal(more[:4], colors)
     assert np.linalg.norm(more[4] - colors, axis=1).min() > 0.1
+
+
+def test_where_it_does_not_run_a_notebook_has_the_face_in_the_colours_of_its_regions(
+    affinity, monkeypatch
+):
+    view = SegmentationView(affinity, n_regions=4)
+    still, image, _ = shown(view, monkeypatch)
+    assert "λ 0.70, r 10 mm, threshold 0.70: 4 regions." in still
+    hues = image / image.max(axis=2, keepdims=True)
+    for color in region_colors(view.regions):  # lit, so darker, but of the same hue
+        assert np.isclose(hues, color / color.max(), atol=0.03).all(axis=2).mean() > 0.05
+    view.n_regions.value = 7
+    more, other, _ = shown(view, monkeypatch)
+    assert "7 regions." in more and not np.array_equal(image, other)
