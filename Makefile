@@ -42,7 +42,7 @@ help:
 	@echo "make seconds    how long every notebook runs, into notebooks/lecturers.md and the first notebook"
 	@echo "make mutants    a sample of the mathematics broken on purpose: which tests notice"
 	@echo "make site       the course as static pages, in site/"
-	@echo "make results    every error of notebook 04, all models, several captures: tables in results/"
+	@echo "make results    errors of notebook 04, all models, several captures, rig to rig: tables in results/"
 	@echo "make bench      run the benchmarks"
 	@echo "make lock       resolve requirements.lock and environment.yml anew from pyproject.toml"
 	@echo "make soak       random walks, killed and starved writers, 2,000 mutants of each file (minutes)"
@@ -164,7 +164,8 @@ results: env data
 	$(BIN)/python -m facelab.studies.generalisation --out results
 	$(BIN)/python -m facelab.studies.benchmark_table --out results
 	$(BIN)/python -m facelab.studies.figure5_captures --out results
-	cp results/benchmark.md results/figure5.md docs/
+	$(BIN)/python -m facelab.studies.translation_table --out results
+	cp results/benchmark.md results/figure5.md results/translation.md docs/
 
 bench: env data browser
 	$(BIN)/python tests/benchmarks/run.py

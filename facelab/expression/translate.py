@@ -108,6 +108,8 @@ class Translator:
     space : IntermediateSpace
         How one of them came onto the face of the other: the one with more landmarks is the
         template, which is the same whichever way one translates.
+    turned : bool
+        The template is `other`.
 
     Examples
     --------
@@ -123,7 +125,7 @@ class Translator:
             check_type(one, name, BlendshapeRig, "give a rig")
             check_face_size(one.neutral.vertices, name)
         self.rig, self.other = rig, other
-        turned = _rank(other) > _rank(rig)
+        self.turned = turned = _rank(other) > _rank(rig)
         template, guest = (_with_places(r) for r in ((other, rig) if turned else (rig, other)))
         self.space = IntermediateSpace(template, guest.neutral)
         own, theirs = _compared(self.space, guest)

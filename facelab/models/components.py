@@ -87,7 +87,8 @@ def components_of_sets(X, columns, n_components):
             variances, modes = _leading(square, n)
             found.append((_signed(modes), variances))
         else:
-            found.append(principal_components(X[:, c], n)[1:])
+            whole = np.array_equal(c, np.arange(X.shape[1]))  # picking would copy all frames
+            found.append(principal_components(X if whole else X[:, c], n)[1:])
     return mean, *map(list, zip(*found, strict=True))
 
 

@@ -1,4 +1,5 @@
 import pickle
+import tracemalloc
 
 import literal
 import numpy as np
@@ -140,13 +141,25 @@ def test_sets_of_columns_found_together_have_the_components_of_each(rng, monkeyp
     monkeypatch.setattr("facelab.models.components.CACHED", cached)
     X = rng.normal(size=(150, 200)) * np.linspace(1, 3, 200) + 100
     columns = [np.arange(12), np.arange(180, 6, -1), np.array([3, 1, 150])]  # one is wide
-    for sets in (columns, columns[:1]):
+    whole = np.arange(200)
+    for sets in (columns, columns[:1], [whole], [whole[::-1]]):
         mean, components, variances = components_of_sets(X, sets, 6)
         np.testing.assert_allclose(mean, X.mean(axis=0), rtol=1e-12)
         for c, B, v in zip(sets, components, variances, strict=True):
             _, wanted, theirs = principal_components(X[:, c], min(6, len(c)))
             np.testing.assert_allclose(v, theirs, rtol=1e-9)
             np.testing.assert_allclose(B, wanted, atol=1e-9)
+
+
+def test_the_whole_face_learns_from_one_copy_of_the_frames(rng):
+    X = rng.normal(size=(4000, 60))
+    tracemalloc.start()
+    try:
+        components_of_sets(X, [np.arange(60)], 5)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 1.5 * X.nbytes  # less their mean; picked columns would be a second
 
 
 def test_coefficients_of_the_whole_face_are_equation_4(rng):
