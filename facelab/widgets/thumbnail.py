@@ -86,7 +86,8 @@ class Thumbnails:
         image = np.tile(np.float64(_BACKGROUND), (*face.shape, 1))
         seen = face >= 0
         image[seen] = np.einsum("nc,ncx->nx", weights[seen], paint[F[face[seen]]])
-        return image.reshape(self.height, _FINER, self.width, _FINER, 3).mean(axis=(1, 3))
+        means = image.reshape(self.height, _FINER, self.width, _FINER, 3).mean(axis=(1, 3))
+        return means.clip(0, 1)  # weights may add up to a hair more
 
 
 def _lit(V, F, colors, shading):
