@@ -24,9 +24,10 @@ _FINER = 2  # samples along a pixel
 def captioned(png, *lines):
     """The picture with lines of text below it: base64 of a PNG, as a notebook keeps it."""
     drawn = Image.open(io.BytesIO(png)).convert("RGB")
-    paper = Image.new("RGB", (drawn.width, drawn.height + 6 + 18 * len(lines)), "white")
-    paper.paste(drawn)
     font = ImageFont.truetype(_FONT, 12)
+    width = max(drawn.width, *(16 + round(font.getlength(text)) for text in lines))
+    paper = Image.new("RGB", (width, drawn.height + 6 + 18 * len(lines)), "white")
+    paper.paste(drawn)
     for row, text in enumerate(lines):
         at = (8, drawn.height + 5 + 18 * row)
         ImageDraw.Draw(paper).text(at, text, fill="#444", font=font)

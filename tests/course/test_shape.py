@@ -39,6 +39,10 @@ def faults_of_texts(texts, code):
         yield f"{len(texts)} cells of text and {len(code)} of code: more code than text"
     if "After this notebook you can" not in texts[0].source:
         yield "its first cell does not say what one can do after it"
+    if "](attachment:" not in texts[0].source:
+        yield "its first cell has no picture"
+    if "## In three sentences" not in texts[-1].source:
+        yield "its last cell does not say it in three sentences"
     if not re.search(r"\*\*Next:?\*\*", texts[-1].source):
         yield "its last cell does not say what comes next"
 

@@ -1,9 +1,13 @@
 """What all pages share: text from files is never HTML, and files stay where they belong."""
 
+import base64
+import io
+
 import ipywidgets as widgets
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from PIL import Image
 from planted import bumps, quarters
 
 from facelab import plotting
@@ -16,6 +20,7 @@ from facelab.rig import BlendshapeRig
 from facelab.segmentation.regions import Regions
 from facelab.widgets import ExpressionLab, Player, PosingLab
 from facelab.widgets.page import Page, markup, path_in, uploaded, written
+from facelab.widgets.thumbnail import captioned
 
 HOSTILE = "<img src=x onerror=\"window.hacked='{}'\">"
 
@@ -123,3 +128,14 @@ def test_what_was_written_is_named_escaped_and_linked(tmp_path):
     path.write_text("abc")
     text = written(path)
     assert "&lt;b&gt;.txt" in text and "base64,YWJj" in text and "<b>.txt" not in text
+
+
+def test_a_caption_is_whole_below_a_narrow_picture_and_greek_is_in_it():
+    file = io.BytesIO()
+    Image.new("RGB", (40, 30), "black").save(file, "PNG")
+    text = "λ is 0.70: a line far longer than the picture"
+    made = Image.open(io.BytesIO(base64.b64decode(captioned(file.getvalue(), text))))
+    ink = np.asarray(made.convert("L"))[30:] < 128
+    assert made.width > 200 and ink.any() and not ink[:, -8:].any()
+    first, second = (captioned(file.getvalue(), letter) for letter in "λμ")
+    assert first != second  # not one and the same box
