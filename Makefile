@@ -26,7 +26,7 @@ endif
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 
 .PHONY: help lab app env data test lint unit test-notebooks browser test-browser test-all \
-	test-long test-bare test-wire soak notebooks pictures seconds site results bench mutants \
+	test-long test-bare test-wire soak notebooks pictures light seconds site results bench mutants \
 	lock clean
 
 help:
@@ -39,6 +39,7 @@ help:
 	@echo "make data       only the data (real faces are downloaded once, synthetic ones made)"
 	@echo "make notebooks  run every notebook in place and store its outputs"
 	@echo "make pictures   the labs' pictures of README, made anew by mouse in a browser"
+	@echo "make light      the page's light beside an offline render (fetches Mitsuba 3): docs/light.png"
 	@echo "make seconds    how long every notebook runs, into notebooks/lecturers.md and the first notebook"
 	@echo "make mutants    a sample of the mathematics broken on purpose: which tests notice"
 	@echo "make site       the course as static pages, in site/"
@@ -153,6 +154,10 @@ notebooks: env data
 
 pictures: env data browser  # those of README: five poses made by mouse, and both labs
 	$(BIN)/python tests/browser/pictures.py
+
+light: env data browser  # nothing else needs Mitsuba, so no environment has it by itself
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check mitsuba
+	$(BIN)/python tests/browser/offline.py
 
 seconds: env data  # how long notebooks run, into the page for lecturers and the first notebook
 	$(BIN)/python tests/notebooks/seconds.py
