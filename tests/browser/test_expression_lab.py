@@ -87,6 +87,21 @@ def test_alpha_and_locks_move_face_and_bars_and_undo_brings_them_back(page_lab):
     np.testing.assert_array_equal(state(lab)[2], V)
 
 
+def test_either_face_can_fill_the_screen(page_lab):
+    page = page_lab.page
+    for k in (0, 1):
+        usual = page_lab.bring_into_view()
+        page.get_by_label("Full screen").nth(k).click()
+        page.wait_for_function("document.fullscreenElement !== null")
+        page_lab.settle()
+        box = page.locator(".jp-OutputArea canvas").nth(k).bounding_box()
+        assert (box["width"], box["height"]) == (1400, 1000)
+        page.get_by_label("Full screen").nth(k).click()
+        page.wait_for_function("document.fullscreenElement === null")
+        after = page_lab.bring_into_view()
+        assert (after["width"], after["height"]) == (usual["width"], usual["height"])
+
+
 def test_another_sketch_is_loaded_pulled_and_a_bad_one_refused_in_the_page(page_lab):
     lab, page = page_lab, page_lab.page
     lab.run("session.free(); session.set(alpha='best'); lab.refresh()")
