@@ -111,6 +111,15 @@ function teller(model) {
   };
 }
 
+// pythreejs tells the kernel of each buffer that the kernel has just sent: a dozen messages for a
+// pose, which wait in line before those of the hand. Nobody reads them.
+function hush(scene) {
+  scene.traverse(({ geometry }) => {
+    for (const { ipymodel } of Object.values(geometry?.attributes ?? {}))
+      if (ipymodel) ipymodel.save_changes = () => {};
+  });
+}
+
 class Hand {
   constructor(model, el, parts) {
     Object.assign(this, parts, { model, el });
@@ -371,6 +380,7 @@ class Hand {
 
   begin(vertex, along) {
     const press = crypto.randomUUID?.() ?? String(Math.random());
+    hush(this.view.scene);
     this.drag = { press, vertex, offset: [0, 0, 0], moved: false };
     this.drag.rail = along && this.railOf(vertex);
     this.lastPin = vertex;

@@ -8,17 +8,16 @@ lightness of the two differs over the face, and how far it varies together.
 
 import sys
 import tempfile
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from browser_lab import ROOT, Lab, Server, write_notebook
+from browser_lab import ROOT, Server
 from matplotlib.colors import to_rgb
-from pictures import canvas
+from pictures import canvas, opened
 from PIL import Image
 
 import facelab
-from facelab.looks import Lining, lids_off, shown
+from facelab.looks import Lining, lids_off, palette, shown
 from facelab.looks.light import FILL, KEY, RIM, STRENGTHS
 from facelab.plotting import SKIN
 
@@ -29,7 +28,7 @@ POSES = {  # on the generic face; where it is not, on a synthetic actor
     "wink and frown": dict.fromkeys(("eyeBlink_L", "AU45L"), 1.0)
     | dict.fromkeys(("mouthFrown_L", "browDown_R", "AU4", "AU15"), 0.8),
 }
-WIDTH, HEIGHT, FOV = 360, 420, 18.0
+WIDTH, HEIGHT = 360, 420
 SAMPLES = 96
 CELL = f"""
 import facelab
@@ -38,7 +37,7 @@ import numpy as np
 example = facelab.load_example()
 view = FaceView(example.rig.neutral, example.props, width={WIDTH}, height={HEIGHT})
 view.widget"""
-LOOK = "(view._middle + view._camera.position).tolist()"
+EYE, MIDDLE = "(view._middle + view._camera.position).tolist()", "view._middle.tolist()"
 
 
 def linear(color):
@@ -53,12 +52,6 @@ def screen(light):
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
-def lightness(picture):
-    """CIE L* of a picture with colours of a screen: shape (height, width), 0 to 100."""
-    y = linear(picture[..., :3]) @ [0.2126, 0.7152, 0.0722]
-    return np.where(y > 216 / 24389, 116 * np.cbrt(y) - 16, y * 24389 / 27)
-
-
 def parts_of(example, vertices):
     """What is seen of a face: (vertices, triangles, colours, gloss) of each part."""
     mesh, props = example.rig.neutral, example.props
@@ -71,7 +64,7 @@ def parts_of(example, vertices):
         yield at, prop.mesh.faces, prop.colors, getattr(prop, "gloss", 0.0)
 
 
-def traced(mi, parts, eye, middle):
+def traced(mi, parts, eye, middle, fov):
     """The picture that a path tracer makes: (HEIGHT, WIDTH, 3), light."""
     scene = {
         "type": "scene",
@@ -82,7 +75,7 @@ def traced(mi, parts, eye, middle):
         },
         "camera": {
             "type": "perspective",
-            "fov": FOV,
+            "fov": fov,
             "fov_axis": "y",
             "to_world": mi.ScalarTransform4f().look_at(origin=eye, target=middle, up=[0, 1, 0]),
             "film": {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "pixel_format": "rgba"},
@@ -111,22 +104,18 @@ def traced(mi, parts, eye, middle):
 
 
 def pages(folder, poses):
-    """Faces as the page shows them, where its camera stands, and what it looks at."""
+    """Faces as the page shows them; and the arguments of `traced` that its camera says."""
     server = Server(folder)
     try:
-        lab = Lab(server)
-        lab.page.emulate_media(color_scheme="light")
-        lab.open(write_notebook(Path(folder) / "source" / "light.ipynb", [CELL]))
-        lab.bring_into_view()
-        eye = lab.run("", e=LOOK)["e"]
-        middle = lab.run("", m="view._middle.tolist()")["m"]
+        lab = opened(server, "light", CELL)
+        look = lab.run("", eye=EYE, middle=MIDDLE, fov="view._camera.fov")
         found = []
         for vertices in poses:
             lab.run(f"view.show(np.array({vertices.tolist()}))")
             lab.page.mouse.move(2, 2)
             lab.settle()
             found.append(canvas(lab))
-        return found, eye, middle
+        return found, look
     finally:
         server.close()
 
@@ -143,10 +132,10 @@ def main(folder):
         rig.shape({name: w for name, w in weights.items() if name in rig.names})
         for weights in POSES.values()
     ]
-    shots, eye, middle = pages(folder, poses)
+    shots, look = pages(folder, poses)
     figure, axes = plt.subplots(2, len(POSES), figsize=(8.4, 6.8), layout="constrained")
     for ax, name, V, shot in zip(axes.T, POSES, poses, shots, strict=True):
-        light = traced(mi, parts_of(example, V), eye, middle)
+        light = traced(mi, parts_of(example, V), **look)
         seen = light[..., 3:].clip(0, 1)
         paper = np.array([244, 244, 242]) / 255
         picture = seen * screen(light[..., :3]) + (1 - seen) * paper
@@ -156,7 +145,7 @@ def main(folder):
         page = Image.fromarray(np.uint8(255 * shot[..., :3])).resize((WIDTH, HEIGHT))
         page = np.asarray(page) / 255
         inside = seen[..., 0] > 0.99
-        a, b = lightness(page)[inside], lightness(picture)[inside]
+        a, b = (palette.lab(x[inside])[:, 0] for x in (page, picture))
         print(
             f"{name}: lightness {a.mean():.0f} in the page, {b.mean():.0f} offline, "
             f"differs by {np.sqrt(np.mean((a - a.mean() - b + b.mean()) ** 2)):.1f} of 100 beside "

@@ -8,7 +8,6 @@ import io
 import sys
 import tempfile
 import time
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -48,6 +47,15 @@ POSES = {  # on both sides or not; landmark, and the way to the left and up, mil
 """Region model, and the values of beta and gamma that the lab starts with."""
 MOVES, BETWEEN = 15, 1 / 30
 """Of the mouse in one pull, and seconds between them."""
+
+
+def opened(server, name, cell):
+    """A page in the light theme with a notebook of one cell that has run: Lab."""
+    lab = Lab(server)
+    lab.page.emulate_media(color_scheme="light")
+    lab.open(write_notebook(server.folder / "source" / f"{name}.ipynb", [cell]))
+    lab.bring_into_view()
+    return lab
 
 
 def drag(lab, name, across, up):
@@ -104,20 +112,14 @@ def draw(made, path):
 def main(folder):
     server = Server(folder)
     try:
-        lab = Lab(server)
-        lab.page.emulate_media(color_scheme="light")
-        lab.open(write_notebook(Path(folder) / "source" / "posing.ipynb", [POSING]))
-        lab.bring_into_view()
+        lab = opened(server, "posing", POSING)
         draw(five_poses(lab), DOCS / "five_poses.png")
         lab.run("lab.session.reset(); lab.session.symmetric = False")
         for pull in POSES["wink with a smirk"][1]:
             drag(lab, *pull)
         picture_of(lab, DOCS / "posing.png")
         lab.close()
-        lab = Lab(server)
-        lab.page.emulate_media(color_scheme="light")
-        lab.open(write_notebook(Path(folder) / "source" / "expression.ipynb", [EXPRESSION]))
-        lab.bring_into_view()
+        lab = opened(server, "expression", EXPRESSION)
         picture_of(lab, DOCS / "expression.png")
         lab.close()
     finally:

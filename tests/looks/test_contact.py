@@ -30,8 +30,8 @@ def posed(rig, units):
     return rig.shape(dict.fromkeys(units, 1.0))
 
 
-def without_lips(props):
-    """The parts with teeth as bright everywhere as they are made."""
+def undimmed(props):
+    """The parts as bright everywhere as they are made."""
     return [replace(prop, gap=None) for prop in props]
 
 
@@ -57,14 +57,14 @@ def test_no_white_speck_of_teeth_is_seen_between_closed_lips(rig, pose):
 
 
 def test_teeth_lit_as_the_skin_would_be_seen_as_specks(rig):
-    V, bare = posed(rig, CLOSED["smile"]), without_lips(face_props(rig.neutral))
+    V, bare = posed(rig, CLOSED["smile"]), undimmed(face_props(rig.neutral))
     assert sum(white(rig, bare, V, size) for size in SIZES) > 5
 
 
 def test_an_open_mouth_shows_its_teeth_nearly_as_bright_as_they_are(rig):
     props, V = face_props(rig.neutral), posed(rig, ["AU26"])
     for size in SIZES[:2]:
-        before = white(rig, without_lips(props), V, size)
+        before = white(rig, undimmed(props), V, size)
         assert before > 10 and white(rig, props, V, size) > 0.85 * before
 
 
@@ -170,5 +170,5 @@ def test_lids_that_fail_to_meet_leave_a_dark_line_and_no_white(rig):
     almost = rig.shape({"AU45L": 0.93, "AU45R": 0.93})
     dark = {side: 0 for side in ("left", "right")}
     assert eye_pixels(rig, props, almost, SIZES[2], (25, 0)) == dark
-    lit = [replace(prop, gap=None) for prop in props]
+    lit = undimmed(props)
     assert min(eye_pixels(rig, lit, almost, SIZES[2], (25, 0)).values()) > 5
