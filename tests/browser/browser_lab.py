@@ -299,11 +299,14 @@ class Lab:
         are heard by the second call. What the kernel answers to them is drawn by the third.
         """
         for draw in (False, False, True):
-            self._calls += 1
             self._wait(lambda d=draw: self._called(d), PATIENCE, "the page does not answer")
 
     def _called(self, draw):
-        """Call the page, once; a page that is still loading may not get to know its first echo."""
+        """Call the page, once; a page that is still loading may not get to know its first echo.
+
+        Each call has its own number: a late answer to the echo before is none to this one.
+        """
+        self._calls += 1
         if not self._echoes:
             self.run(ECHO)
             self.page.evaluate("window.called = 0")
