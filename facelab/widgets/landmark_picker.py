@@ -8,10 +8,13 @@ from facelab.expression.landmarks import guess_landmarks
 from facelab.files.landmarks import read_landmarks, write_landmarks
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+from facelab.looks.eyes import ball_mesh
 from facelab.numeric.undo import History
 from facelab.widgets.lab import button, row
+from facelab.widgets.own_face import shown_parts
 from facelab.widgets.page import Page, markup, path_in, shows_errors, uploaded, written
 from facelab.widgets.parts import ROOT, ItemList
+from facelab.widgets.thumbnail import Thumbnails
 from facelab.widgets.viewer import FaceView
 
 SIX = (
@@ -20,6 +23,8 @@ SIX = (
 )
 """Landmarks that a fit can start from: not on one line, nor in one plane."""
 
+_STILL = 300, 340  # pixels
+_DOT, _YELLOW = 0.011, (1.0, 0.84, 0.0)  # of the height of the face
 _FAR = 3.0  # times as far from where the others put it as is usual: worth a look
 _USUAL = 4.0  # mm, at the least; faces differ
 
@@ -38,7 +43,9 @@ class LandmarkPicker(Page):
         are missing can be guessed from its shapes by a button (`guess_landmarks`).
     names : sequence of str, optional
         Landmarks to set, of `MULTI_PIE`; the six that a fit needs if left out.
-    props : iterable of (TriangleMesh, colors), optional
+    props : iterable of Prop or (TriangleMesh, colors), optional
+        What is shown beside it; for a rig its own parts, or eyes and teeth made for it, if left
+        out.
     width, height : int
         Size of the canvas, pixels.
     folder : str or Path, default="."
@@ -59,7 +66,7 @@ class LandmarkPicker(Page):
         For what is no mesh, or a name that is no landmark.
     """
 
-    def __init__(self, mesh, names=SIX, props=(), width=470, height=540, folder="."):
+    def __init__(self, mesh, names=SIX, props=None, width=470, height=540, folder="."):
         self._rig = mesh if hasattr(mesh, "deltas") else None
         mesh = mesh if self._rig is None else self._rig.neutral
         if not isinstance(mesh, TriangleMesh):
@@ -76,7 +83,9 @@ class LandmarkPicker(Page):
         self.history = History(own, same=dict.__eq__)
         model = load_template(4375)
         self._typical = {n: model.vertices[v] for n, v in model.landmarks.items()}
-        self.view = FaceView(mesh, props, width, height)
+        if props is None:
+            props = () if self._rig is None else shown_parts(self._rig, self._rig.parts)
+        self.view, self._props = FaceView(mesh, props, width, height), list(props)
         self.view.on_press = self._press
         self.list = ItemList("choice", self._react)
         self.map = widgets.HTML()
@@ -122,6 +131,21 @@ class LandmarkPicker(Page):
         """The face with the landmarks that are set: TriangleMesh."""
         marks = {**self._face.landmarks, **self.landmarks}
         return TriangleMesh(self._face.vertices, self._face.faces, marks, self._face.texture)
+
+    def picture(self):
+        """The face with a dot on each landmark that is set: bytes of a PNG."""
+        V = self._face.vertices
+        radius = _DOT * np.ptp(V[:, 1])
+        dot = ball_mesh(radius)[0]
+        paint = np.tile(_YELLOW, (dot.n_vertices, 1))
+        dots = [
+            (dot.with_vertices(dot.vertices + V[vertex] + [0, 0, radius]), paint)
+            for vertex in self.landmarks.values()
+        ]
+        return Thumbnails(self._face, [*self._props, *dots], *_STILL).png(V)
+
+    def _settings_in_words(self):
+        return (self.verdict(),)
 
     # --- what a hand does -------------------------------------------------------------------------
 

@@ -1,8 +1,10 @@
 """Landmarks by clicking."""
 
+import io
 import json
 from datetime import datetime
 
+import matplotlib.image
 import numpy as np
 import pytest
 
@@ -75,6 +77,24 @@ def test_what_is_set_is_saved_beside_the_notebook(picker, face, tmp_path):
     picker.name.value = "../x"
     picker.save.click()
     assert "leads out of the folder" in picker._message.value
+
+
+def test_its_still_picture_has_a_dot_where_a_landmark_is_set(picker, face):
+    def yellow():
+        image = matplotlib.image.imread(io.BytesIO(picker.picture()))[..., :3]
+        return np.argwhere((image[..., 0] > 0.7) & (image[..., 2] < 0.2))
+
+    assert not len(yellow())
+    picker.set("nose_tip", face.landmarks["nose_tip"])
+    at = yellow()
+    assert len(at) > 10 and np.ptp(at, axis=0).max() < 12, "one dot"
+    picker.set("chin", face.landmarks["chin"])
+    assert np.ptp(yellow(), axis=0)[0] > 40, "one more, below"
+
+
+def test_a_rig_is_shown_with_eyes_by_its_own_shapes():
+    rig = facelab.load_example().rig
+    assert [prop.name for prop in LandmarkPicker(rig)._props][:2] == ["eye_left", "eye_right"]
 
 
 def test_landmarks_that_the_mesh_has_are_there_at_the_start(face):

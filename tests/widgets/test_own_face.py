@@ -12,7 +12,7 @@ from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import WeightSequence
 from facelab.rig import BlendshapeRig
 from facelab.widgets import PosingLab
-from facelab.widgets.own_face import _shown
+from facelab.widgets.own_face import shown_parts
 
 FIXTURES = Path(__file__).resolve().parents[1] / "fixtures"
 pytestmark = pytest.mark.filterwarnings("ignore:.*longest side is")
@@ -50,6 +50,34 @@ def test_of_a_head_in_pieces_the_one_that_moves_is_posed(in_pieces):
     assert "in 2 pieces, of which the largest that moves is posed" in lab.about
 
 
+def test_teeth_of_the_file_go_with_the_jaw_in_both_models_and_still_parts_stay():
+    rig = read_rig(FIXTURES / "avatar.glb")
+    lab = PosingLab.open(rig, n_regions=4)
+    teeth, eye = (dict(zip(rig.parts, lab.props, strict=True))[n] for n in ("Teeth", "EyeLeft"))
+    rest, opens = rig.neutral.vertices, rig.deltas[rig.names.index("jawOpen")]
+    (moves,) = rig.parts["Teeth"].deltas
+    assert np.abs(moves).max() > 5, "they go far"
+    np.testing.assert_array_equal(teeth.move(rest), teeth.mesh.vertices)
+    for share in (0.4, 1.0):
+        gone = teeth.move(rest + share * opens) - teeth.mesh.vertices
+        np.testing.assert_allclose(gone, share * moves, atol=0.01 * np.abs(moves).max())
+    smile = rig.deltas[rig.names.index("mouthSmileRight")]
+    gone = teeth.move(rest + smile) - teeth.mesh.vertices
+    assert np.abs(gone).max() < 0.05 * np.abs(moves).max()
+    assert eye.move is None
+
+
+def test_of_a_head_in_one_mesh_the_other_pieces_go_as_its_shapes_move_them(in_pieces):
+    n = in_pieces.neutral.n_vertices // 2
+    deltas = in_pieces.deltas.copy()
+    deltas[0, n:] = [0, -9, 3]
+    lab = PosingLab.open(BlendshapeRig(in_pieces.neutral, in_pieces.names, deltas), n_regions=4)
+    (ball,) = lab.props
+    pose = in_pieces.neutral.vertices[:n] + 0.5 * deltas[0, :n]
+    gone = ball.move(pose) - ball.mesh.vertices
+    np.testing.assert_allclose(gone, np.tile([0, -4.5, 1.5], (n, 1)), atol=0.1)
+
+
 def test_another_rig_takes_the_place_of_the_first_in_the_same_page(tmp_path):
     rig = bumpy_rig()
     write_glb(tmp_path / "head.glb", rig.neutral, rig.deltas, rig.names)
@@ -76,8 +104,9 @@ def test_a_file_that_is_no_rig_leaves_the_lab_as_it_was(tmp_path):
 def test_a_head_without_landmarks_or_parts_gets_eyes_and_teeth_where_its_shapes_tell_of_them():
     rig = load_example().rig
     bare = TriangleMesh(rig.neutral.vertices, rig.neutral.faces)
-    shown = _shown(BlendshapeRig(bare, rig.names, rig.deltas), [])
+    shown = shown_parts(BlendshapeRig(bare, rig.names, rig.deltas), {})
     assert [prop.name for prop in shown[:3]] == ["eye_left", "eye_right", "teeth_upper"]
     off = {"eye_left": 1, "eye_right": -1}  # the side, head frame
     assert all(off[prop.name] * prop.mesh.vertices[:, 0].mean() > 15 for prop in shown[:2])
-    assert _shown(BlendshapeRig(bare, [f"shape {k}" for k in range(2)], rig.deltas[:2]), []) == []
+    named = BlendshapeRig(bare, [f"shape {k}" for k in range(2)], rig.deltas[:2])
+    assert shown_parts(named, {}) == []
