@@ -35,6 +35,7 @@ _KNOWN = {
     "nodes": "camera children skin matrix mesh rotation scale translation weights name",
     "skins": "inverseBindMatrices skeleton joints name",
     "scenes": "nodes name",
+    "animations": "channels samplers name",
 }
 
 
@@ -51,10 +52,12 @@ class GltfData:
     json : Item
         The JSON of the file.
     lists : dict of str to list of Item
-        Its "accessors", "bufferViews", "buffers", "meshes", "nodes", "skins" and "scenes".
-
+        Its "accessors", "bufferViews", "buffers", "meshes", "nodes", "skins", "scenes" and
+        "animations".
     binary : bytes or None
         The binary chunk of a GLB.
+    further : list of (bytes, bytes)
+        Kind and data of its other chunks, which mean nothing to glTF.
 
     Raises
     ------
@@ -66,7 +69,7 @@ class GltfData:
     def __init__(self, path):
         self.path = existing_file(path, "glTF file")
         data = self.path.read_bytes()
-        self.binary = None
+        self.binary, self.further = None, []
         text = self._chunks(data) if data[:4] == b"glTF" else data
         self.json = load_json(text, self.path, "glTF file")
         version = self.json.item("asset").text("version", "missing")
@@ -97,7 +100,7 @@ class GltfData:
                 f"{self.path}: the header promises {length} bytes, the file has {len(data)}; it "
                 "was cut short or changed on the way, copy it again."
             )
-        found, at = {}, 12
+        found, at = [], 12
         while at < len(data):
             size, kind = struct.unpack_from("<I4s", data, at) if at + 8 <= len(data) else (0, b"")
             if not kind or at + 8 + size > len(data):
@@ -105,12 +108,14 @@ class GltfData:
                     f"{self.path}: the chunk at byte {at} does not fit into the file; it is "
                     "damaged, export it again."
                 )
-            found.setdefault(kind, data[at + 8 : at + 8 + size])
+            found.append((kind, data[at + 8 : at + 8 + size]))
             at += 8 + size
-            if next(iter(found)) != b"JSON":
+            if found[0][0] != b"JSON":
                 raise ValueError(f"{self.path}: its first chunk is not JSON; export it again.")
-        self.binary = found.get(b"BIN\0")
-        return found[b"JSON"]
+        (_, text), *rest = found
+        self.binary = rest.pop(0)[1] if rest and rest[0][0] == b"BIN\0" else None
+        self.further = rest
+        return text
 
     def _refuse_extensions(self):
         required = self.json.texts("extensionsRequired")

@@ -40,7 +40,7 @@ class GltfEdit:
     """
 
     def __init__(self, path, mesh):
-        scene = GltfScene(path)
+        self._scene = scene = GltfScene(path)
         self._data = scene.data
         k = scene.find(mesh)
         self._part = scene.part(k)
@@ -50,7 +50,7 @@ class GltfEdit:
         self._text = Path(path).suffix.lower() == ".gltf"
         self._names = list(self._part.names)
         self._added = bytearray()
-        self._new = []
+        self._new, self._animation = [], None
         self.unpacked = self._unpack()
 
     # --- what is new ------------------------------------------------------------------------------
@@ -59,33 +59,54 @@ class GltfEdit:
         """Add a morph target: displacements where the scene places the part, metres."""
         linear = self._part.linear
         moved = np.linalg.solve(linear, np.asarray(moved, float)[..., None])[..., 0]
+        added = {}
         for i, primitive in enumerate(self._json["meshes"][self._mesh]["primitives"]):
             count = self._json["accessors"][primitive["attributes"]["POSITION"]]["count"]
-            own = np.zeros((count, 3), "<f4")  # lines and points are no vertices here: they stay
-            if i in self._part.start:
-                begin = self._part.start[i]
-                own[:] = moved[begin : begin + count]
-            primitive.setdefault("targets", []).append({"POSITION": self._target(own)})
+            begin = self._part.start.get(i)
+            if (begin, count) not in added:  # primitives may share their vertices
+                own = np.zeros(
+                    (count, 3), "<f4"
+                )  # lines and points are no vertices here: they stay
+                if begin is not None:
+                    own[:] = moved[begin : begin + count]
+                added[begin, count] = self._target(own)
+            primitive.setdefault("targets", []).append({"POSITION": added[begin, count]})
         self._new.append(name)
 
-    def add_animation(self, times, weights):
-        """Add keys of all targets, old and new: seconds (n_keys,), weights (n_keys, n_targets)."""
-        node = self._node
-        if node is None:
+    def add_animation(self, times, weights, others):
+        """Add keys of all targets, old and new, and of other parts that move along.
+
+        Parameters
+        ----------
+        times : ndarray of shape (n_keys,)
+            Seconds.
+        weights : ndarray of shape (n_keys, n_targets)
+        others : dict of str to ndarray of shape (n_keys, n_targets_of_it)
+            By the parts' names.
+        """
+        if self._node is None:
             raise ValueError(
                 f"{self._data.path}: it has no nodes, so nothing in it can move; export it again "
                 "with a scene."
             )
-        times = np.asarray(times, "<f4")
-        moment = self._accessor(times, "SCALAR", bounds=True)
-        value = self._accessor(np.asarray(weights, "<f4").ravel(), "SCALAR")
-        self._json.setdefault("animations", []).append(
+        keys = {self._node: weights}
+        for name, own in others.items():
+            node, mesh = self._scene.place(self._scene.find(name))
+            keys[node] = weights if mesh == self._mesh else own
+        moment = self._accessor(np.asarray(times, "<f4"), "SCALAR", bounds=True)
+        samplers = [
             {
-                "name": "facelab",
-                "samplers": [{"input": moment, "output": value, "interpolation": "LINEAR"}],
-                "channels": [{"sampler": 0, "target": {"node": node, "path": "weights"}}],
+                "input": moment,
+                "output": self._accessor(np.asarray(own, "<f4").ravel(), "SCALAR"),
+                "interpolation": "LINEAR",
             }
-        )
+            for own in keys.values()
+        ]
+        channels = [
+            {"sampler": k, "target": {"node": node, "path": "weights"}}
+            for k, node in enumerate(keys)
+        ]
+        self._animation = {"name": "facelab", "samplers": samplers, "channels": channels}
 
     def _target(self, moved):
         rows = np.flatnonzero((np.abs(moved) > _STILL).any(axis=1))
@@ -199,40 +220,54 @@ class GltfEdit:
 
     def _finish(self):
         """Names, weights at rest and old animations for the new number of targets."""
-        if not self._new:
-            return
-        mesh = self._json["meshes"][self._mesh]
-        old = [name or f"target {k + 1}" for k, name in enumerate(self._names)]
-        owners = [o for o in (mesh, *mesh["primitives"]) if "targetNames" in o.get("extras", {})]
-        for owner in owners:
-            owner["extras"]["targetNames"] = [*owner["extras"]["targetNames"], *self._new]
-        if not owners:
-            mesh["extras"] = {**mesh.get("extras", {}), "targetNames": [*old, *self._new]}
-        nodes = self._of("nodes")
-        moving = [k for k, node in enumerate(nodes) if node.get("mesh") == self._mesh]
-        still = [0.0] * len(self._new)
-        for owner in (mesh, *(nodes[k] for k in moving)):
-            if "weights" in owner:
-                owner["weights"] = [*owner["weights"], *still]
-        self._widen(moving)
+        if self._new:
+            mesh = self._json["meshes"][self._mesh]
+            owners = [o for o in (mesh, *mesh["primitives"]) if "targetNames" in _extras(o)]
+            for owner in owners:
+                owner["extras"]["targetNames"] = [*owner["extras"]["targetNames"], *self._new]
+            if not owners:
+                old = [name or f"target {k + 1}" for k, name in enumerate(self._names)]
+                mesh["extras"] = {**_extras(mesh), "targetNames": [*old, *self._new]}
+            nodes = self._of("nodes")
+            moving = [k for k, node in enumerate(nodes) if node.get("mesh") == self._mesh]
+            for owner in (mesh, *(nodes[k] for k in moving)):
+                if "weights" in owner:
+                    owner["weights"] = [*owner["weights"], *[0.0] * len(self._new)]
+            self._widen(moving)
+        if self._animation is not None:
+            self._append("animations", self._animation)
 
     def _widen(self, moving):
         """Animations that were there before get the new targets, at rest."""
-        n, n_new, done = self.n_targets, len(self._new), set()
-        for animation in self._of("animations"):
-            for channel in animation["channels"]:
-                target = channel["target"]
-                if target.get("path") != "weights" or target.get("node") not in moving:
+        data = self._data
+        for told, animation in zip(self._of("animations"), data.lists["animations"], strict=True):
+            samplers, ours, others = animation.items("samplers"), {}, set()
+            for c, channel in enumerate(animation.items("channels")):
+                target, k = channel.item("target"), channel.index("sampler", samplers)
+                if target.text("path") == "weights" and target.value.get("node") in moving:
+                    ours.setdefault(k, []).append(told["channels"][c])
+                else:
+                    others.add(k)
+            for k, channels in ours.items():
+                at = samplers[k].index("output", data.lists["accessors"])
+                wide = {**told["samplers"][k], "output": self._wide(samplers[k], at)}
+                if k not in others:
+                    told["samplers"][k] = wide
                     continue
-                sampler = animation["samplers"][channel["sampler"]]
-                if id(sampler) in done:
-                    continue
-                done.add(id(sampler))
-                if sampler["output"] >= len(self._data.lists["accessors"]):
-                    continue  # ours, and wide enough
-                rows = self._data.array(sampler["output"], "SCALAR").reshape(-1, n)
-                wide = np.hstack([rows, np.zeros((len(rows), n_new))]).astype("<f4")
-                sampler["output"] = self._accessor(wide.ravel(), "SCALAR")
+                told["samplers"].append(wide)  # other meshes move by the old one
+                for channel in channels:
+                    channel["sampler"] = len(told["samplers"]) - 1
+
+    def _wide(self, sampler, at):
+        """An accessor of weights with columns for the new targets."""
+        rows, n = self._data.array(at, "SCALAR"), self.n_targets
+        if len(rows) % n:
+            raise ValueError(
+                f"{self._data.path}: {sampler.at('output')} has {len(rows)} weights, which are no "
+                f"rows of {n}, the number of morph targets; the file is damaged, export it again."
+            )
+        rows = np.pad(rows.reshape(-1, n), ((0, 0), (0, len(self._new))))
+        return self._accessor(rows.astype("<f4").ravel(), "SCALAR")
 
     def save(self, path):
         """Write the file, whole or not at all."""
@@ -246,7 +281,7 @@ class GltfEdit:
         self._finish()
         told, new = self._json, [v for v in self._json["bufferViews"] if v["buffer"] is None]
         buffers, body = told.setdefault("buffers", []), self._data.binary
-        if body is None:
+        if body is None or not buffers or "uri" in buffers[0]:  # no buffer of the file's own
             text = base64.b64encode(self._added).decode()
             uri = f"data:application/octet-stream;base64,{text}"
             buffers.append({"byteLength": len(self._added), "uri": uri})
@@ -258,15 +293,23 @@ class GltfEdit:
                 view |= {"buffer": 0, "byteOffset": len(body) + view["byteOffset"]}
             body += self._added
             buffers[0]["byteLength"] = len(body)
-        text = json.dumps(told, ensure_ascii=False, separators=(",", ":")).encode()
+        text = json.dumps(told, ensure_ascii=False, separators=(",", ":"))
+        text = text.encode(errors="backslashreplace")  # half a character, as JSON may hold it
         with atomic_path(path) as part:
-            part.write_bytes(text if self._text else _glb(text, body))
+            part.write_bytes(text if self._text else _glb(text, body, self._data.further))
 
 
-def _glb(text, body):
-    """A GLB of its JSON and its bytes."""
+def _extras(owner):
+    """What a program added to an object of the file; it may be anything."""
+    extras = owner.get("extras")
+    return extras if isinstance(extras, dict) else {}
+
+
+def _glb(text, body, further):
+    """A GLB of its JSON, its bytes, and further chunks."""
     chunks = [(b"JSON", text + b" " * (-len(text) % 4))]
     if body is not None:
         chunks.append((b"BIN\0", body + bytes(-len(body) % 4)))
+    chunks += further
     packed = b"".join(struct.pack("<I4s", len(data), kind) + data for kind, data in chunks)
     return struct.pack("<4sII", b"glTF", 2, 12 + len(packed)) + packed

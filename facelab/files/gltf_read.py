@@ -309,7 +309,7 @@ class GltfScene:
         attributes = primitive.item("attributes")
         odd = [a for a in attributes.value if not a.startswith(_SEMANTICS)]
         targets = primitive.items("targets")
-        odd += [a for t in targets for a in t.value if not a.startswith(_SEMANTICS)]
+        odd += [a for t in targets for a in t.value if not a.startswith((*_SEMANTICS, "extra"))]
         if odd:
             warnings.warn(
                 f"{self.path}: {primitive.place} has the attribute {odd[0]!r}, which glTF does not "
@@ -449,7 +449,17 @@ class GltfScene:
                         f"but the mesh {n} morph targets; export the file again."
                     )
                 return list(names)
-        return [""] * n
+        return [_name_of(target) for target in primitives[0].items("targets")]
+
+    def weights_at_rest(self, k, names):
+        """What the file shows of part k's morph targets before anything moves: dict of weights."""
+        node, mesh, _, _ = self._found[k]
+        owners = [] if node is None else [self.data.lists["nodes"][node]]
+        for owner in (*owners, self.data.lists["meshes"][mesh]):
+            if "weights" in owner:
+                told = owner.numbers("weights", len(names))
+                return {n: w for n, w in zip(names, told, strict=True) if w}
+        return {}
 
     def _deltas(self, kept, n_targets, n_vertices, linear, name):
         """Displacements of all targets, turned and scaled as the mesh is."""
@@ -471,6 +481,13 @@ class GltfScene:
                 )
             deltas[k] = moved
         return deltas
+
+
+def _name_of(target):
+    """The name that old exporters of avatars give a morph target itself, or none."""
+    told = [target.value.get(key) for key in ("extras", "extra")]
+    found = [t["name"] for t in told if isinstance(t, dict) and isinstance(t.get("name"), str)]
+    return found[0] if found else ""
 
 
 def read_gltf_file(path, mesh=None):

@@ -21,9 +21,10 @@ def write_into(path, rig, shapes=None, take=None):
     """Write poses, fitted units or a take into a copy of the file that a rig was read from.
 
     In a GLB, glTF or VRM, shapes become morph targets of the rig's mesh, behind those it has, and
-    the take an animation; materials, texture coordinates, skeleton and other meshes keep their
-    bytes. Of a folder of OBJ files the one at rest is copied for each shape with its vertices
-    moved: quads, groups and texture coordinates stay.
+    the take an animation, also of other parts with shapes that it drives (teeth, tongue, lashes);
+    materials, texture coordinates, skeleton and other meshes keep their bytes. Of a folder of
+    OBJ files the one at rest is copied for each shape with its vertices moved: quads, groups and
+    texture coordinates stay.
 
     Parameters
     ----------
@@ -37,7 +38,7 @@ def write_into(path, rig, shapes=None, take=None):
         `session.neutral.vertices`); both sides of a seam get the same.
     take : WeightSequence, optional
         Drives the rig as `rig.animate` does, and new shapes by their own names. Lost frames get
-        no key: the face moves from the last one seen to the next.
+        no key: the face moves from the last one seen to the next, and so over `gaps` in time.
 
     Raises
     ------
@@ -125,7 +126,8 @@ def _into_gltf(path, source, rig, shapes, take):
         kept = np.flatnonzero(take.valid)
         if not len(kept):
             raise ValueError("take holds no valid frame.")
-        edit.add_animation(kept / take.fps, _weights(take, rig, shapes)[kept])
+        weights = _weights(take, rig, shapes)[kept]
+        edit.add_animation(take.times[kept], weights, _of_parts(take, rig, kept))
     if edit.unpacked:
         warnings.warn(
             f"{source}: it is compressed with {', '.join(edit.unpacked)}; {path} is written "
@@ -156,6 +158,17 @@ def _weights(take, rig, shapes):
         if k is not None:
             added[:, at] = np.nan_to_num(take.weights[:, k])
     return np.hstack([W, added])
+
+
+def _of_parts(take, rig, kept):
+    """Weights of the other parts that a take drives (teeth, tongue, lashes), by their names."""
+    found = {}
+    for name, part in rig.parts.items():
+        if isinstance(part, BlendshapeRig) and part.match(take).driven:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # a part has not all shapes, which need not be said
+                found[name] = part.rig_weights(take)[kept]
+    return found
 
 
 def _into_obj(path, rest, rig, shapes):

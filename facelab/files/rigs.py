@@ -28,6 +28,7 @@ _FACIAL = re.compile(
 _NEUTRAL = ("neutral", "rest", "basis", "base", "default")  # the plainest word first
 _PLACE = 0.001  # mm: vertices so near to each other are in one place
 _SAME = 0.01  # mm: and are two sides of a seam, if no shape moves them more apart than this
+_POINT = 0.1  # mm: what is smaller is a place in a scene, not a part of a head
 _BODY = 7.0  # a mesh so many times as large as what its shapes move is a body with a face
 
 
@@ -115,12 +116,20 @@ def _from_gltf(path, mesh, scale):
     parts = [scene.part(k, shapes=True, texture=True) for k in range(len(scene.names))]
     names = [_distinct(scene.path, part) for part in parts]
     if chosen is None:
-        chosen = max(range(len(parts)), key=lambda k: _facial(names[k], parts[k].deltas))
+        chosen = max(range(len(parts)), key=lambda k: _facial(names[k], parts[k]))
     head = parts[chosen]
     scale = _unit(scene.path, head.vertices, head.deltas, unit_of(".glb"), scale)
+    shown = scene.weights_at_rest(chosen, names[chosen])
+    if shown:
+        said = [f"{name} at {weight:g}" for name, weight in shown.items()]
+        warnings.warn(
+            f"{scene.path}: the file shows {head.name!r} with {', '.join(said[:6])}"
+            f"{', ...' * (len(said) > 6)}; the face at rest is read without.",
+            stacklevel=3,
+        )
     others = {}
     for k, part in enumerate(parts):
-        if k != chosen:
+        if k != chosen and _has_size(scene.path, part, scale):
             rest, deltas, _, _ = _welded(scene.path, part, scale)
             others[part.name] = BlendshapeRig(rest, names[k], deltas) if names[k] else rest
     rest, deltas, index, apart = _welded(scene.path, head, scale)
@@ -128,11 +137,23 @@ def _from_gltf(path, mesh, scale):
     return BlendshapeRig(rest, names[chosen], deltas, {}, others, source)
 
 
-def _facial(names, deltas):
-    """How much of a face a part is: facial shapes that move something, then vertices moved."""
-    moved = [(d != 0).any(axis=1).sum() for d in deltas]
-    facial = sum(1 for n, m in zip(names, moved, strict=True) if m and _FACIAL.search(n))
-    return facial, sum(map(bool, moved)), sum(moved)
+def _facial(names, part):
+    """How much of a face a part is: facial shapes that move something, then how large that is."""
+    moved = [(d != 0).any(axis=1) for d in part.deltas]
+    facial = sum(1 for n, m in zip(names, moved, strict=True) if m.any() and _FACIAL.search(n))
+    face = part.vertices[np.any(moved, axis=0)] if moved else ()
+    return facial, sum(m.any() for m in moved), longest_side(face) if len(face) else 0
+
+
+def _has_size(path, part, scale):
+    """Whether a part can be shown; one that stands for nothing is said."""
+    found = len(part.faces) and longest_side(part.vertices) * scale > _POINT
+    if not found:
+        warnings.warn(
+            f"{path}: {part.name!r} lies in one point, or its triangles do; it is passed over.",
+            stacklevel=4,
+        )
+    return found
 
 
 def _distinct(path, part):
@@ -328,6 +349,11 @@ def _welded(path, part, scale):
         Vertices at the place of another one that move otherwise.
     """
     V, deltas = part.vertices * scale, part.deltas * np.float32(scale)
+    if not longest_side(V) > _POINT:
+        raise ValueError(
+            f"{path}: all vertices lie within {longest_side(V):.2g} mm; give scale=, the "
+            "millimetres in its unit of length, or export the file again."
+        )
     place = same_place(V, _PLACE)
     index = alike(place, deltas, _SAME)
     kept = np.unique(index, return_index=True)[1]

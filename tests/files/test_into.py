@@ -1,5 +1,6 @@
 """Shapes and takes written into a user's own file: what was there keeps its bytes."""
 
+import base64
 import copy
 import importlib.util
 import json
@@ -180,6 +181,164 @@ def test_khronos_validator_finds_nothing_new(tmp_path, shapes, name):
         pytest.skip("Khronos' validator needs node")
     write_into(tmp_path / "new.glb", avatar(name), shapes, a_take(["jawOpen", "a corner"]))
     assert issues(tmp_path / "new.glb") <= issues(FIXTURES / f"{name}.glb")
+
+
+# --- what other programs write --------------------------------------------------------------------
+
+
+@pytest.fixture
+def edited(tmp_path):
+    """Write the avatar after a change to its JSON, with another binary chunk or further ones."""
+
+    def edited(change, body=None, further=b""):
+        told, own = opened(FIXTURES / "avatar.glb")
+        change(told)
+        text = json.dumps(told).encode()
+        text += b" " * (-len(text) % 4)
+        body = own if body is None else body
+        chunks = struct.pack("<I4s", len(text), b"JSON") + text
+        chunks += struct.pack("<I4s", len(body), b"BIN\0") + body + further
+        path = tmp_path / "mine.glb"
+        path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+        return path
+
+    return edited
+
+
+def mesh_of(told, name="Head"):
+    return next(told["meshes"][n["mesh"]] for n in told["nodes"] if n.get("name") == name)
+
+
+def test_primitives_that_share_their_vertices_share_new_shapes(edited, tmp_path, shapes):
+    def cut(told):
+        first = mesh_of(told)["primitives"][0]
+        at = told["accessors"][first["indices"]]
+        width = {5123: 2, 5125: 4}[at["componentType"]]
+        half = at["count"] // 6 * 3
+        rest = {**at, "count": at["count"] - half}
+        rest["byteOffset"] = at.get("byteOffset", 0) + half * width
+        at["count"] = half
+        told["accessors"].append(rest)
+        mesh_of(told)["primitives"].append({**first, "indices": len(told["accessors"]) - 1})
+
+    path = edited(cut)
+    rig = read_rig(path, mesh="Head")
+    for name, moved in shapes.items():  # twice, for it has to stay so
+        write_into(path, rig, {name: moved})
+        before, rig = rig, read_rig(path, mesh="Head")
+        assert len(rig.source.index) == len(before.source.index)
+        np.testing.assert_allclose(rig.deltas[-1], moved, atol=2e-5)
+
+
+def test_chunks_that_mean_nothing_to_gltf_are_kept(edited, tmp_path, shapes):
+    chunk = struct.pack("<I4s", 8, b"MINE") + b"12345678"
+    rig = read_rig(edited(lambda told: None, further=chunk), mesh="Head")
+    write_into(tmp_path / "new.glb", rig, shapes)
+    assert (tmp_path / "new.glb").read_bytes().endswith(chunk)
+
+
+def test_a_first_buffer_that_is_not_the_binary_chunk_keeps_its_bytes(edited, tmp_path, shapes):
+    body = opened(FIXTURES / "avatar.glb")[1]
+    uri = "data:application/octet-stream;base64," + base64.b64encode(body).decode()
+    rig = read_rig(edited(lambda told: told["buffers"][0].update(uri=uri), b"1234"), mesh="Head")
+    write_into(tmp_path / "new.glb", rig, shapes)
+    told, binary = opened(tmp_path / "new.glb")
+    assert (told["buffers"][0]["uri"], binary) == (uri, b"1234")
+    np.testing.assert_allclose(
+        read_rig(tmp_path / "new.glb", mesh="Head").deltas[-1], shapes["a corner"], atol=2e-5
+    )
+
+
+@pytest.mark.parametrize("extras", ["text", 5, None, [1], {"mine": 1}], ids=str)
+def test_extras_may_be_anything(edited, tmp_path, shapes, extras):
+    with pytest.warns(UserWarning, match="have no name"):
+        rig = read_rig(edited(lambda told: mesh_of(told).update(extras=extras)), mesh="Head")
+    write_into(tmp_path / "new.glb", rig, shapes)
+    found = mesh_of(opened(tmp_path / "new.glb")[0])["extras"]
+    assert found.pop("targetNames") == [*rig.names, *shapes]
+    assert found == (extras if isinstance(extras, dict) else {})
+
+
+def test_half_a_character_in_a_name_stays_as_it_was(edited, tmp_path, shapes):
+    def rename(told):
+        mesh_of(told)["extras"]["targetNames"][0] = "\ud83d"
+
+    write_into(tmp_path / "new.glb", read_rig(edited(rename), mesh="Head"), shapes)
+    assert read_rig(tmp_path / "new.glb", mesh="Head").names[0] == "\ud83d"
+
+
+def with_animation(told):
+    """Two nodes, with a mesh of four shapes each, moved by one sampler."""
+    told["meshes"].append(copy.deepcopy(mesh_of(told)))
+    head = next(k for k, node in enumerate(told["nodes"]) if node.get("name") == "Head")
+    told["nodes"].append({"mesh": len(told["meshes"]) - 1, "name": "Twin"})
+    twin = len(told["nodes"]) - 1
+    told["scenes"][0]["nodes"].append(twin)
+    keys = {"componentType": 5126, "type": "SCALAR"}  # without a view: zeros
+    told["accessors"] += [{**keys, "count": 2, "min": [0], "max": [0]}, {**keys, "count": 8}]
+    n = len(told["accessors"])
+    channels = [{"sampler": 0, "target": {"node": k, "path": "weights"}} for k in (head, twin)]
+    samplers = [{"input": n - 2, "output": n - 1}]
+    told["animations"] = [{"samplers": samplers, "channels": channels}]
+
+
+def test_what_moves_by_the_same_keys_is_not_changed(edited, tmp_path, shapes):
+    path = edited(with_animation)
+    write_into(tmp_path / "new.glb", read_rig(path, mesh="Head"), shapes)
+    told = opened(tmp_path / "new.glb")[0]
+    animation = told["animations"][0]
+    used = [animation["samplers"][c["sampler"]]["output"] for c in animation["channels"]]
+    assert [told["accessors"][k]["count"] for k in used] == [2 * 6, 2 * 4]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda told: told.update(animations={}), "animations is {}, but must be a list"),
+        (
+            lambda told: told["animations"][0]["channels"][0].update(sampler=7),
+            r"animations\[0\]\.channels\[0\]\.sampler is 7, but must be a whole number, 0 to 0",
+        ),
+        (
+            lambda told: told["accessors"][-1].update(count=7),
+            r"samplers\[0\]\.output has 7 weights, which are no rows of 4",
+        ),
+    ],
+    ids=["no list", "sampler", "rows"],
+)
+def test_animations_that_are_damaged_are_refused_with_their_place(
+    edited, tmp_path, shapes, change, words
+):
+    def damaged(told):
+        with_animation(told)
+        change(told)
+
+    with pytest.raises(ValueError, match=words):
+        write_into(tmp_path / "new.glb", read_rig(edited(damaged), mesh="Head"), shapes)
+    assert not (tmp_path / "new.glb").exists()
+
+
+def test_parts_that_a_take_drives_move_along(tmp_path):
+    rig, take = avatar("avatar"), a_take(["jawOpen", "eyeBlinkLeft"])
+    write_into(tmp_path / "new.glb", rig.renamed({"jawOpen": "mouth"}), take=take)
+    assert len(opened(tmp_path / "new.glb")[0]["animations"][0]["channels"]) == 1
+    write_into(tmp_path / "new.glb", rig, take=take)
+    told, body = opened(tmp_path / "new.glb")
+    animation = told["animations"][0]
+    channel = animation["channels"][1]
+    assert told["nodes"][channel["target"]["node"]]["name"] == "Teeth"
+    at = told["accessors"][animation["samplers"][channel["sampler"]]["output"]]
+    start = told["bufferViews"][at["bufferView"]]["byteOffset"]
+    found = np.frombuffer(body, "<f4", at["count"], start)
+    np.testing.assert_allclose(found, take.weights[:, 0], atol=1e-6)  # its one shape
+
+
+def test_time_that_is_missing_in_a_take_passes_in_the_animation(tmp_path):
+    take = a_take(["jawOpen"])
+    take = WeightSequence(take.weights, take.names, 30, gaps={3: 5.0})
+    write_into(tmp_path / "new.glb", avatar("avatar"), take=take)
+    times = keys_of(tmp_path / "new.glb")[0]
+    np.testing.assert_allclose(times, np.arange(5) / 30 + [0, 0, 0, 5, 5], atol=1e-6)
 
 
 # --- OBJ ------------------------------------------------------------------------------------------

@@ -1,3 +1,6 @@
+import base64
+import json
+import struct
 import warnings
 from pathlib import Path
 
@@ -120,6 +123,97 @@ def test_a_file_without_shapes_is_refused_with_what_to_do(tmp_path, rig):
 def test_other_kinds_of_file_are_refused_with_the_way_to_make_a_glb(tmp_path, kind):
     with pytest.raises(ValueError, match=r"unknown kind; readable are .glb, .*: .*Blender.* GLB"):
         read_rig(tmp_path / f"head.{kind}")
+
+
+def scene(path, change):
+    """Change the JSON of a GLB of ours."""
+    data = path.read_bytes()
+    size = struct.unpack_from("<I", data, 12)[0]
+    told, rest = json.loads(data[20 : 20 + size]), data[20 + size :]
+    change(told)
+    text = json.dumps(told).encode()
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON")
+    path.write_bytes(head + text + rest)
+    return path
+
+
+@pytest.mark.parametrize("owner", ["meshes", "nodes"])
+def test_weights_that_are_not_zero_at_rest_are_said(tmp_path, rig, owner):
+    path = tmp_path / "head.glb"
+    write_glb(path, rig.neutral, rig.deltas, rig.names)
+    scene(path, lambda told: told[owner][0].update(weights=[0, 0.3, 0]))
+    with pytest.warns(
+        UserWarning, match=r"shows 'face' with browInnerUp at 0\.3; the face at rest"
+    ):
+        again = read_rig(path)
+    np.testing.assert_allclose(again.neutral.vertices, rig.neutral.vertices, atol=1e-5)
+
+
+@pytest.mark.parametrize("key", ["extras", "extra"])
+def test_names_that_stand_at_the_targets_themselves_are_read(tmp_path, rig, key):
+    def change(told):
+        names = told["meshes"][0].pop("extras")["targetNames"]
+        targets = told["meshes"][0]["primitives"][0]["targets"]
+        for target, name in zip(targets, names, strict=True):
+            target[key] = {"name": name}
+
+    write_glb(tmp_path / "head.glb", rig.neutral, rig.deltas, rig.names)
+    assert silently(read_rig, scene(tmp_path / "head.glb", change)).names == rig.names
+
+
+def test_the_largest_that_moves_is_the_face_and_not_a_dense_beard(tmp_path, rig):
+    """A parent of two meshes with the same shapes: a head, and a finer beard on its chin."""
+    beard = sphere_mesh(3, radius=20.0)
+    near = np.ones((1, beard.n_vertices, 1))
+    write_glb(tmp_path / "head.glb", rig.neutral, rig.deltas, rig.names)
+    write_glb(tmp_path / "beard.glb", beard, near * np.ones((3, 1, 3)), rig.names)
+    data = (tmp_path / "beard.glb").read_bytes()
+    size = struct.unpack_from("<I", data, 12)[0]
+    other = json.loads(data[20 : 20 + size])
+    uri = "data:application/octet-stream;base64," + base64.b64encode(data[28 + size :]).decode()
+
+    def join(told):
+        n, m = len(told["accessors"]), len(told["bufferViews"])
+        told["buffers"].append({**other["buffers"][0], "uri": uri})
+        told["bufferViews"] += [{**v, "buffer": 1} for v in other["bufferViews"]]
+        for at in other["accessors"]:
+            for place in (at, *(at["sparse"][k] for k in ("indices", "values") if "sparse" in at)):
+                if "bufferView" in place:
+                    place["bufferView"] += m
+            told["accessors"].append(at)
+        mesh = other["meshes"][0]
+        for primitive in mesh["primitives"]:
+            primitive.pop("material", None)
+            for owner in (primitive["attributes"], *primitive["targets"]):
+                owner.update({k: v + n for k, v in owner.items()})
+            primitive["indices"] += n
+        told["meshes"].append(mesh)
+        told["nodes"].append({"mesh": 1, "name": "Beard"})
+        told["scenes"][0]["nodes"].append(len(told["nodes"]) - 1)
+
+    found = read_rig(scene(tmp_path / "head.glb", join))
+    assert (found.source.mesh, list(found.parts)) == ("face", ["Beard"])
+
+
+def test_a_part_that_lies_in_one_point_is_passed_over_and_said(tmp_path, rig):
+    def change(told):
+        place = {**told["accessors"][0], "min": [0] * 3, "max": [0] * 3}
+        place.pop("bufferView")  # zeros
+        told["accessors"].append(place)
+        primitive = dict(told["meshes"][0]["primitives"][0])
+        primitive.pop("targets")
+        primitive["attributes"] = {"POSITION": len(told["accessors"]) - 1}
+        told["meshes"].append({"primitives": [primitive]})
+        told["nodes"].append({"mesh": 1, "name": "Locator"})
+        told["scenes"][0]["nodes"].append(len(told["nodes"]) - 1)
+
+    write_glb(tmp_path / "head.glb", rig.neutral, rig.deltas, rig.names)
+    with pytest.warns(UserWarning, match="'Locator' lies in one point"):
+        found = read_rig(scene(tmp_path / "head.glb", change))
+    assert not found.parts
+    with pytest.warns(UserWarning), pytest.raises(ValueError, match=r"within .* mm; give scale="):
+        read_rig(tmp_path / "head.glb", scale=1e-4)
 
 
 # --- a folder of OBJ files ------------------------------------------------------------------------
