@@ -13,7 +13,9 @@ from facelab.motion import WeightSequence
 from facelab.rig import BlendshapeRig
 from facelab.storage import atomic_path, check_writable
 
-_VERTEX = re.compile(rb"([ \t]*v[ \t]+)(\S+)([ \t]+)(\S+)([ \t]+)(\S+)(.*)", re.DOTALL)
+_VERTEX = re.compile(
+    rb"((?:\xef\xbb\xbf)?[ \t]*v[ \t]+)(\S+)([ \t]+)(\S+)([ \t]+)(\S+)(.*)", re.DOTALL
+)
 _GLTF = (".glb", ".gltf", ".vrm")
 
 
@@ -186,6 +188,8 @@ def _into_obj(path, rest, rig, shapes):
             "shapes: two names differ only in capitals, and many file systems hold them for the "
             "same file; rename one."
         )
+    if not one and path.resolve() == rest.parent.resolve():
+        _refuse_taken(path, shapes)
     base = read_obj_file(rest)
     moving = np.arange(len(base.vertices))
     if len(moving) != len(rig.source.index):
@@ -215,3 +219,14 @@ def _into_obj(path, rest, rig, shapes):
                 out[at[row]] = b"".join([begin, x, a, y, b, z, end])
         with atomic_path(path if one else path / f"{name}.obj") as part:
             part.write_bytes(b"".join(out))
+
+
+def _refuse_taken(folder, shapes):
+    """Nothing that a rig was read from is written over."""
+    there = {file.name.casefold(): file.name for file in folder.iterdir()}
+    taken = [there[n] for n in (f"{name}.obj".casefold() for name in shapes) if n in there]
+    if taken:
+        raise ValueError(
+            f"shapes: {folder} has {', '.join(taken)} already; give other names, for what is there "
+            "is not changed."
+        )

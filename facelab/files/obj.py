@@ -88,6 +88,25 @@ def read_obj_rows(path):
     return _vertices(path, [(n, words) for n, words in lines if words[0] == b"v"]), faces
 
 
+def read_obj_polygons(path):
+    """Vertices of all corners of all faces of an OBJ file, and how many each face has: two lists.
+
+    As the file has them, to be compared: bad ones are -1.
+    """
+    path = existing_file(path, "OBJ file")
+    vertices, polygons, n_normal, n_place = 0, [], 0, 0
+    for number, words in _lines(_text(path)):
+        vertices += words[0] == b"v"
+        n_place += words[0] == b"vt"
+        n_normal += words[0] == b"vn"
+        if words[0] in (b"f", b"fo"):
+            polygons.append((number, words[1:], (vertices, n_place, n_normal)))
+    if not polygons:
+        raise ValueError(f"{path}: vertices but no faces (no line starts with 'f').")
+    corners, _, counts = _corners(path, polygons, (vertices, n_place, n_normal))
+    return corners.tolist(), counts.tolist()
+
+
 def read_obj_file(path, bad_faces="refuse"):
     """All that an OBJ file holds, its objects and groups as parts: a `MeshFile`; as `read_obj`."""
     check_choice(bad_faces, "bad_faces", ("refuse", "leave out"))
@@ -146,7 +165,10 @@ def _corner_of(F, polygon, corners, counts):
 def _text(path):
     text = path.read_bytes().removeprefix(codecs.BOM_UTF8)
     if b"\0" in text[:4096]:
-        raise ValueError(f"{path}: this is a binary file, not an OBJ text file.")
+        raise ValueError(
+            f"{path}: this is a binary file or UTF-16 text, not an OBJ text file; save it as "
+            "UTF-8, or export it again."
+        )
     return text
 
 
@@ -209,7 +231,14 @@ def _refuse_vertex(path, number, words):
         if not _NUMBER.fullmatch(word):
             if word.lower().lstrip(b"+-") in (b"nan", b"inf", b"infinity"):
                 raise ValueError(f"{at} holds NaN or infinity; repair that vertex.")
-            raise ValueError(f"{at} holds no numbers.")
+            if _NUMBER.fullmatch(word.replace(b",", b".")):
+                raise ValueError(
+                    f"{at} has decimal commas, but OBJ has points; export it again, with the "
+                    "program set to English numbers."
+                )
+            raise ValueError(
+                f"{at} holds no numbers ({_shown([word])}); the file is damaged, export it again."
+            )
     if len(words) < 4:
         raise ValueError(f"{at} has not three coordinates.")
     if len(words) not in (4, 5, 7, 8):

@@ -10,7 +10,7 @@ import numpy as np
 from facelab.checks import check_number, check_type
 from facelab.files.gltf_read import GltfScene
 from facelab.files.meshes import check_kind, unit_of
-from facelab.files.obj import read_obj_file, read_obj_rows
+from facelab.files.obj import read_obj_file, read_obj_polygons, read_obj_rows
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size, face_scale, longest_side
 from facelab.geometry.welding import alike, same_place, shrunk
@@ -28,6 +28,8 @@ _FACIAL = re.compile(
 _NEUTRAL = ("neutral", "rest", "basis", "base", "default")  # the plainest word first
 _PLACE = 0.001  # mm: vertices so near to each other are in one place
 _SAME = 0.01  # mm: and are two sides of a seam, if no shape moves them more apart than this
+_FAR = 0.5  # of the spread of a face: no expression moves all of it so far on average
+_SHIFT = 0.05  # of it: a shape that moves every vertex further is said
 _POINT = 0.1  # mm: what is smaller is a place in a scene, not a part of a head
 _BODY = 7.0  # a mesh so many times as large as what its shapes move is a body with a face
 
@@ -85,6 +87,8 @@ def read_rig(path, mesh=None, scale=None, neutral=None):
         scale = check_number(scale, "scale", above=0)
     if isinstance(path, (str, Path)) and Path(path).is_dir():
         return _from_folder(Path(path), mesh, scale, neutral)
+    if isinstance(path, (str, Path)) and not (Path(path).suffix or Path(path).exists()):
+        raise FileNotFoundError(f"path={str(path)!r}: there is no such file or folder.")
     kind = check_kind(path, KINDS)
     if neutral is not None:
         raise ValueError(f"neutral={neutral!r} names an OBJ of a folder, but {path} is a file.")
@@ -180,7 +184,15 @@ def _distinct(path, part):
 
 
 def _from_folder(folder, mesh, scale, neutral):
-    files = {f.stem: f for f in sorted(folder.iterdir()) if f.suffix.lower() == ".obj"}
+    found = [f for f in sorted(folder.iterdir()) if f.suffix.lower() == ".obj" and f.is_file()]
+    found = [f for f in found if not f.name.startswith(".")]  # hidden, as of other systems
+    files = {f.stem: f for f in found}
+    if len(files) < len(found):
+        twice = [f.name for f in found if files[f.stem] != f]
+        raise ValueError(
+            f"{folder}: {', '.join(twice)} and a file that differs only in the capitals of its "
+            "ending have one name; take one out of the folder."
+        )
     if len(files) < 2:
         raise ValueError(
             f"{folder}: {len(files)} OBJ file(s) in it; a rig needs one for the face at rest and "
@@ -194,7 +206,7 @@ def _from_folder(folder, mesh, scale, neutral):
     new[kept] = np.arange(len(kept))
     V = base.vertices[kept]
     F = base.faces if mesh is None else new[base.faces[base.parts[mesh]]]
-    deltas = np.empty((len(files), len(V), 3), np.float32)
+    deltas, displaced = np.empty((len(files), len(V), 3), np.float32), []
     for k, file in enumerate(files.values()):
         shape, lines = read_obj_rows(file)
         if len(shape) != len(base.vertices):
@@ -208,7 +220,16 @@ def _from_folder(folder, mesh, scale, neutral):
                 f"{file}: its faces are not those of {rest}.obj, so its vertices stand in another "
                 "order; export it again with 'keep vertex order'."
             )
+        if _moves_all(file, rest, shape, base.vertices):
+            displaced.append(file.name)
         deltas[k] = shape[kept] - V
+    if displaced:
+        warnings.warn(
+            f"{folder}: {', '.join(displaced[:6])}{', ...' * (len(displaced) > 6)} "
+            f"({len(displaced)}) move every vertex, the whole head; if that is not meant, put each "
+            "where the face at rest is.",
+            stacklevel=3,
+        )
     scale = _unit(folder, V, deltas, unit_of(".obj"), scale)
     texture = base.texture
     if texture is not None and mesh is not None:
@@ -221,11 +242,31 @@ def _from_folder(folder, mesh, scale, neutral):
 
 def _other_faces(file, base):
     """Whether a shape joins other vertices than the face at rest, in the order of the file."""
+    if read_obj_polygons(file) == read_obj_polygons(base.path):
+        return False
     faces = read_obj_file(file).faces
     if faces.shape != base.faces.shape:
         return True
-    same = (faces == base.faces).all(axis=1)
-    return same.mean() < 0.9  # a few quads may be cut otherwise, for they bend otherwise
+    # whoever cut quads into triangles may have cut some otherwise, where they bend otherwise
+    odd = np.flatnonzero((np.sort(faces, axis=1) != np.sort(base.faces, axis=1)).any(axis=1))
+    if len(odd) % 2 or (odd[1::2] != odd[::2] + 1).any():
+        return True
+    quads = [[set(F[at : at + 2].ravel().tolist()) for at in odd[::2]] for F in (faces, base.faces)]
+    return quads[0] != quads[1]
+
+
+def _moves_all(file, rest, shape, V):
+    """Whether a shape leaves no vertex near its place; refused if it is no expression of V."""
+    size = np.sqrt(((V - V.mean(axis=0)) ** 2).sum(axis=1).mean())
+    away = np.linalg.norm(shape - V, axis=1)
+    far = np.sqrt((away**2).mean()) / size if size else 0
+    if far > _FAR:
+        raise ValueError(
+            f"{file}: its vertices lie {far:.2g} times as far from those of {rest}.obj as these "
+            "from their middle; they stand in another order, unit or frame, or at another place in "
+            "the scene. Export it as the others."
+        )
+    return away.min() > _SHIFT * size
 
 
 def _neutral_of(folder, files, neutral):
@@ -241,15 +282,21 @@ def _neutral_of(folder, files, neutral):
         return name
     found = []
     for word in _NEUTRAL:
-        found = [name for name in files if re.search(rf"(?<![a-z]){word}(?![a-z])", name, re.I)]
+        found = [n for n in files if re.search(rf"(?<![a-z]){word}(?![a-z])", _apart(n), re.I)]
         if len(found) == 1:
             return found[0]
         if found:
             break
+    by_name = f"by their names {', '.join(found[:6])}" if found else "no name tells"
     raise ValueError(
-        f"{folder}: which OBJ is the face at rest? {', '.join(found[:6]) or 'None'} would be by "
-        f"name; give neutral=, one of {', '.join(list(files)[:8])}{', ...' * (len(files) > 8)}."
+        f"{folder}: which OBJ is the face at rest? {by_name[0].upper()}{by_name[1:]}; give "
+        f"neutral=, one of {', '.join(list(files)[:8])}{', ...' * (len(files) > 8)}."
     )
+
+
+def _apart(name):
+    """A name with its words apart: headNeutral, head_Neutral."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)
 
 
 # --- facelab's own --------------------------------------------------------------------------------

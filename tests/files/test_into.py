@@ -416,3 +416,23 @@ def test_a_file_that_has_changed_since_is_refused(tmp_path, shapes):
     write_into(path, rig, shapes)
     with pytest.raises(ValueError, match=r"6 shapes, but the rig was read from .* and 4"):
         write_into(path, rig, shapes)
+
+
+@pytest.mark.parametrize("name", ["neutral", "NEUTRAL", "Smile"])
+def test_shapes_beside_the_face_at_rest_do_not_write_over_others(folder, name):
+    before = {f.name: f.read_bytes() for f in folder.iterdir()}
+    rig = read_rig(folder)
+    with pytest.raises(ValueError, match=f"has {name.lower()}.obj already; give other names"):
+        write_into(folder, rig, {name: np.ones(rig.neutral.vertices.shape)})
+    assert {f.name: f.read_bytes() for f in folder.iterdir()} == before
+
+
+def test_an_obj_with_a_byte_order_mark_is_written_into(folder, tmp_path):
+    rest = Path(read_rig(folder).source.path)
+    for file in folder.iterdir():
+        lines = file.read_bytes().split(b"\n")
+        first = next(k for k, line in enumerate(lines) if line.startswith(b"v"))
+        file.write_bytes(b"\xef\xbb\xbf" + b"\n".join(lines[first:]))
+    rig = read_rig(folder)
+    write_into(tmp_path / "out", rig, {"up": np.ones(rig.neutral.vertices.shape)})
+    assert (tmp_path / "out" / "up.obj").read_bytes()[:4] == rest.read_bytes()[:4]

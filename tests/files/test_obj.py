@@ -138,7 +138,7 @@ def test_vertices_alone_are_those_of_the_mesh(write):
         ("v 0 0\nv 1 0\nv 0 1\nf 1 2 3", "face.obj, line 1: .* has not three coordinates"),
         ("v\nv\nv\nf 1 2 3", "face.obj, line 1: 'v' has not three coordinates"),
         (TRIANGLE + "v 0 zero 0\nf 1 2 3", "face.obj, line 4: 'v 0 zero 0' holds no numbers"),
-        (TRIANGLE + "v 0,5 0 0\nf 1 2 3", "face.obj, line 4: .* holds no numbers"),
+        (TRIANGLE + "v 0,5 0 0\nf 1 2 3", "face.obj, line 4: .* has decimal commas"),
         ("v 0 0 \\\n0\n\nv 1 0 0\nv 0 1 x\nf 1 2 3", "face.obj, line 5: 'v 0 1 x'"),
     ],
 )

@@ -253,6 +253,94 @@ def test_shapes_of_another_mesh_or_another_order_are_refused_by_name(tmp_path, r
         read_rig(folder)
 
 
+def swapped(faces, a, b):
+    """Faces of a mesh whose vertices a and b stand in the other order."""
+    new = np.arange(faces.max() + 1)
+    new[[a, b]] = b, a
+    return new[faces]
+
+
+def test_two_vertices_that_changed_places_are_refused(tmp_path, rig):
+    folder = write_folder(tmp_path / "shapes", rig)
+    a, b = rig.neutral.faces[7, :2]
+    V = rig.neutral.vertices + rig.deltas[1]
+    V[[a, b]] = V[[b, a]]
+    write_obj(folder / "browInnerUp.obj", TriangleMesh(V, swapped(rig.neutral.faces, a, b)))
+    with pytest.raises(ValueError, match=r"browInnerUp\.obj: its faces are not those of neutral"):
+        read_rig(folder)
+
+
+def test_quads_that_are_cut_otherwise_are_the_same_faces(tmp_path, rig):
+    """Triangles 4 and 5 of a shape are the same quad, cut along its other diagonal."""
+    faces = rig.neutral.faces.copy()
+    a, b, c = faces[4]
+    pair = next(k for k, f in enumerate(faces) if k > 5 and {b, c} <= {*f.tolist()})
+    faces[[5, pair]] = faces[[pair, 5]]
+    (d,) = {*faces[5].tolist()} - {b, c}
+    rest = TriangleMesh(rig.neutral.vertices, faces)
+    folder = write_folder(tmp_path / "shapes", BlendshapeRig(rest, rig.names, rig.deltas))
+    other = faces.copy()
+    other[[4, 5]] = [[a, b, d], [a, d, c]]
+    shape = TriangleMesh(rest.vertices + rig.deltas[1], other)
+    write_obj(folder / "browInnerUp.obj", shape)
+    found = silently(read_rig, folder)
+    np.testing.assert_allclose(
+        found.deltas[found.names.index("browInnerUp")], rig.deltas[1], atol=1e-4
+    )
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda V: V / 10,
+        lambda V: V + [300, 0, 0],
+        lambda V: V[:, [0, 2, 1]] * [1, -1, 1],
+        lambda V: V * [-1, 1, 1],
+        lambda V: V[::-1],
+    ],
+    ids=["centimetres", "beside it", "z up", "mirrored", "order"],
+)
+def test_a_shape_in_another_unit_place_or_order_is_refused(tmp_path, rig, change):
+    folder = write_folder(tmp_path / "shapes", rig)
+    V = change(rig.neutral.vertices + rig.deltas[0])
+    write_obj(folder / "jawOpen.obj", TriangleMesh(V, rig.neutral.faces))
+    with pytest.raises(ValueError, match=r"jawOpen\.obj: its vertices lie .* times as far from"):
+        read_rig(folder)
+
+
+def test_a_shape_that_moves_the_whole_head_is_said(tmp_path, rig):
+    folder = write_folder(tmp_path / "shapes", rig)
+    V = rig.neutral.vertices + rig.deltas[0] + [0, 30, 0]
+    write_obj(folder / "jawOpen.obj", TriangleMesh(V, rig.neutral.faces))
+    with pytest.warns(UserWarning, match=r"jawOpen\.obj \(1\) move every vertex"):
+        read_rig(folder)
+
+
+def test_hidden_files_and_folders_are_no_shapes(tmp_path, rig):
+    folder = write_folder(tmp_path / "shapes", rig)
+    (folder / "._neutral.obj").write_bytes(b"\0\5\x16\7")
+    (folder / "more.obj").mkdir()
+    assert sorted(silently(read_rig, folder).names) == sorted(rig.names)
+    (folder / "jawOpen.OBJ").write_bytes((folder / "neutral.obj").read_bytes())
+    if len(list(folder.iterdir())) == 7:  # a file system that tells capitals apart
+        with pytest.raises(ValueError, match="differs only in the capitals of its ending"):
+            read_rig(folder)
+
+
+@pytest.mark.parametrize("name", ["headNeutral", "1_neutral", "Head-Basis"])
+def test_a_word_within_a_name_tells_the_face_at_rest(tmp_path, rig, name):
+    found = read_rig(write_folder(tmp_path / "shapes", rig, rest=name))
+    assert found.source.path.endswith(f"{name}.obj")
+
+
+def test_what_is_not_there_or_one_of_many_objs_is_refused_with_what_to_give(tmp_path, rig):
+    with pytest.raises(FileNotFoundError, match="there is no such file or folder"):
+        read_rig(tmp_path / "shapes")
+    folder = write_folder(tmp_path / "shapes", rig)
+    with pytest.raises(ValueError, match="give the folder"):
+        read_rig(folder / "neutral.obj")
+
+
 def test_a_folder_without_shapes_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"0 OBJ file\(s\) in it; a rig needs one for the face at"):
         read_rig(tmp_path)
