@@ -19,6 +19,10 @@ _PLAIN = {  # lines in which float() finds nothing but numbers as they are writt
     ";": re.compile(r"[0-9eE+\-.: ;]*"),
     "\t": re.compile(r"[0-9eE+\-.:; \t]*"),
 }
+_PACKED = {  # what files begin with that hold a text, packed
+    b"\x1f\x8b": "is packed with gzip; unpack it first",
+    b"PK\3\4": "is a spreadsheet or a zip archive; save its table as CSV, or unpack it",
+}
 _UTF = {
     codecs.BOM_UTF8: "utf-8",
     codecs.BOM_UTF32_LE: "utf-32-le",  # before UTF-16, whose mark it begins with
@@ -54,6 +58,9 @@ def text_lines(path, what):
     path = existing_file(path, what)
     with open(path, "rb") as source:
         head = source.read(4096)
+        for mark, said in _PACKED.items():
+            if head.startswith(mark):
+                raise ValueError(f"{path}: it {said}. Wanted is a {what} in text.")
         mark = next((m for m in _UTF if head.startswith(m)), b"")
         encoding = _UTF.get(mark) or _unmarked(head)
         source.seek(len(mark))
@@ -180,7 +187,8 @@ class TextTable:
             shown = text if len(text) <= 40 else text[:40] + "..."
             raise ValueError(
                 f"{self.path}, line {number}, column {name}: "
-                + (f"{shown!r} is no number." if text else "the cell is empty.")
+                + (f"{shown!r} is no number" if text else "the cell is empty")
+                + "; repair it, or empty all numbers of the row if nothing was seen there."
             )
         value = float(text.replace(",", "."))
         if abs(value) > 1e300:

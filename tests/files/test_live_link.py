@@ -208,6 +208,20 @@ def test_angles_in_degrees_are_not_taken_for_radians(read):
         read(live_link(CODES, rows=W.tolist()))
 
 
+def test_angles_beyond_half_a_turn_are_said(read):
+    W = values(40, 61)
+    W[:, FULL.index("HeadYaw")] = 4
+    with pytest.warns(UserWarning, match="HeadYaw turn further than half a turn in radians"):
+        assert "HeadYaw" in read(live_link(CODES, rows=W.tolist())).angles
+
+
+def test_a_row_of_nan_is_a_lost_frame(read):
+    W = values(40, 61)
+    W[7] = np.nan
+    take = read(live_link(CODES, rows=W.tolist()))
+    assert np.flatnonzero(~take.valid).tolist() == [7]
+
+
 # --- lost frames ----------------------------------------------------------------------------------
 
 

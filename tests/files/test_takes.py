@@ -1,3 +1,4 @@
+import gzip
 import io
 import json
 import re
@@ -219,13 +220,65 @@ def test_columns_can_be_chosen(read):
     rows = [[i, i / 30, 1, 480.5, 1.5, 3.25, "happy"] for i in range(9)]
     with pytest.warns(UserWarning, match="text are left out: mood"):
         take = read(table(header, rows), names=["AU02_r", "AU01_r"], scale=0.2)
-    assert take.names == ("AU02_r", "AU01_r")
+    assert take.names == ("AU02", "AU01")  # an intensity; the r is no side
     np.testing.assert_allclose(take.weights[0], [0.65, 0.3])
     assert set(take.others) == {"success", "pose_Tx"}
     with pytest.raises(ValueError, match="line 1: no column AU99; there are frame, timestamp"):
         read(table(header, rows), names=["AU99"])
     with pytest.raises(TypeError, match="names='AU01_r' is one str"):
         read(table(header, rows), names="AU01_r")
+
+
+def test_intensities_of_openface_are_weights_from_0_to_1_of_both_sides(read):
+    header = ["frame", "face_id", "timestamp", "success", "pose_Tx", "AU01_r", "AU12_r", "AU12_c"]
+    rows = [[i + 1, 0, i / 30, i != 4, 480.5, 1.5, 0.1 * i, 1] for i in range(9)]
+    rows = [[int(v) if isinstance(v, bool) else v for v in row] for row in rows]
+    with pytest.warns(UserWarning, match=r"from 0 to 5, are read with scale=0\.2"):
+        take = read(table(header, rows))
+    assert take.names == ("AU01", "AU12") and take.fps == 30
+    np.testing.assert_allclose(take.weights[take.valid, 1], [0.02 * i for i in range(9) if i != 4])
+    assert take.valid.tolist() == [i != 4 for i in range(9)]  # no success, no face
+    assert set(take.others) == {"face_id", "success", "pose_Tx", "AU12_c"}
+    np.testing.assert_allclose(read(table(header, rows), scale=0.1).weights[0, 0], 0.15)
+
+
+def test_many_columns_kept_apart_are_not_all_told(read):
+    header = ["time", "AU12_r", *(f"x_{k}" for k in range(700))]
+    rows = [[i / 30, 1, *[0] * 700] for i in range(9)]
+    with pytest.warns(UserWarning, match=r"x_11, \.\.\. \(700\)\.$"):
+        read(table(header, rows))
+
+
+def test_a_column_of_words_is_refused_with_what_to_give(read):
+    header = ["frame", "AU1", "took"]
+    rows = [[i, 0.5, "00:01"] for i in range(9)]
+    with pytest.raises(ValueError, match=r"column took: '00:01' is no number; .* names=\["):
+        read(table(header, rows), fps=30)
+    assert read(table(header, rows), fps=30, names=["AU1"]).names == ("AU1",)
+
+
+def test_times_with_a_date_are_clock_times(read):
+    rows = [[f"2026-05-01T23:59:59.{i * 4:02d}0+02:00", 0.5] for i in range(20)]
+    rows += [[f"2026-05-02 00:00:00.{(i * 4 - 80) % 100:02d}0Z", 0.5] for i in range(45, 60)]
+    assert read(table(["timestamp", "AU1"], rows)).fps == 25
+
+
+def test_whole_numbers_for_times_are_refused_with_what_to_do(read):
+    rows = [[1_700_000_000_000 + 40 * i, 0.5] for i in range(9)]
+    with pytest.raises(ValueError, match=r"count rows or whole seconds.*timestamp_ms.*fps=30"):
+        read(table(["timestamp", "AU1"], rows))
+    assert read(table(["timestamp_ms", "AU1"], rows)).fps == 25
+
+
+@pytest.mark.parametrize(
+    ("start", "words"),
+    [(gzip.compress(b"a,b"), "packed with gzip; unpack"), (b"PK\3\4...", "a spreadsheet or a zip")],
+    ids=["gzip", "zip"],
+)
+def test_packed_tables_are_refused_with_what_to_do(tmp_path, start, words):
+    (tmp_path / "w.csv").write_bytes(start)
+    with pytest.raises(ValueError, match=words):
+        read_weights(tmp_path / "w.csv")
 
 
 def test_percent_is_noticed_unless_it_is_said(read):
@@ -237,6 +290,44 @@ def test_percent_is_noticed_unless_it_is_said(read):
 
 
 # --- JSON -----------------------------------------------------------------------------------------
+
+
+def categories(row, names):
+    """A frame as MediaPipe tells it."""
+    scores = [{"index": 0, "score": 0.0, "categoryName": "_neutral"}]
+    return scores + [{"score": w, "categoryName": n} for n, w in zip(names, row, strict=True)]
+
+
+@pytest.mark.parametrize("form", ["bare", "python", "script", "lines"])
+def test_categories_of_mediapipe_are_weights(tmp_path, form):
+    W = np.random.default_rng(0).uniform(0, 1, (9, 52)).round(4)
+    faces = [[categories(row, ARKIT)] for row in W.tolist()]
+    faces[0] = faces[5] = []  # no face was seen
+    frames = {
+        "bare": [face and face[0] for face in faces],
+        "python": [{"timestamp_ms": 40 * i, "face_blendshapes": f} for i, f in enumerate(faces)],
+        "script": [
+            {"time": i / 25, "faceBlendshapes": [{"categories": c, "headIndex": -1} for c in face]}
+            for i, face in enumerate(faces)
+        ],
+    }
+    frames["lines"] = frames["python"]
+    path = tmp_path / ("w.jsonl" if form == "lines" else "w.json")
+    lines = "\n".join(map(json.dumps, frames["lines"]))
+    path.write_text(lines if form == "lines" else json.dumps(frames[form]))
+    with pytest.warns(UserWarning, match="kept apart in others: _neutral"):
+        take = read_weights(path, fps=25 if form == "bare" else None)
+    assert (take.names, take.fps) == (ARKIT, 25)
+    assert np.flatnonzero(~take.valid).tolist() == [0, 5]
+    np.testing.assert_allclose(take.weights[take.valid], W[take.valid])
+
+
+def test_two_faces_in_a_frame_are_refused(tmp_path):
+    faces = [[categories([0.5] * 52, ARKIT)] * 2] * 3
+    (tmp_path / "w.json").write_text(json.dumps([{"face_blendshapes": f} for f in faces]))
+    with pytest.raises(ValueError, match="each frame hold those of one face"):
+        read_weights(tmp_path / "w.json", fps=30)
+
 
 ROWS = W.tolist()
 FRAMES = [dict(zip("abc", row, strict=True)) for row in ROWS]

@@ -13,8 +13,11 @@ _MOST = 200e6  # bytes of JSON that are read: each number in it takes three time
 _NPZ = "npz file of weights"
 _NAMES = ("names", "facsnames", "blendshapenames", "blendshapes", "shapes", "channels", "columns")
 _WEIGHTS = ("weights", "weightmat", "values", "blendshapes", "blendshapeweights", "coefficients")
+_WEIGHTS += ("faceblendshapes", "categories")
+_TIMES = {"time": 1, "timecode": 1, "timestamp": 1, "timestampms": 1000}  # how many make a second
 _ROWS = (*_WEIGHTS, "frames", "data")
 _FPS = ("fps", "exportfps", "framerate")
+_WHOLE = (b"{}", b"[]")  # a line that begins and ends so is a text of JSON by itself
 _COUNTS = {"numframes": 0, "framecount": 0, "nframes": 0, "numposes": 1, "numblendshapes": 1}
 
 
@@ -107,13 +110,15 @@ def _parsed(path):
     def whole(digits):
         return int(digits) if len(digits) < 16 else float(digits)
 
+    def parsed(text):
+        return json.loads(text, object_pairs_hook=unique, parse_constant=constant, parse_int=whole)
+
+    text = path.read_bytes()
+    lines = [line for line in text.splitlines() if line.strip()]
     try:
-        return json.loads(
-            path.read_bytes(),
-            object_pairs_hook=unique,
-            parse_constant=constant,
-            parse_int=whole,
-        )
+        if len(lines) > 1 and all(line.strip()[:1] + line.strip()[-1:] in _WHOLE for line in lines):
+            return [parsed(line) for line in lines]  # a frame in each line
+        return parsed(text)
     except _OursError as error:
         raise ValueError(str(error)) from None
     except json.JSONDecodeError as error:
@@ -141,17 +146,18 @@ def _number(value, place):
 
 def _of_frames(path, rows, names, shapes, fps):
     """Frames one by one: lists beside `shapes`, or tables of names, bare or under a word."""
-    header, matrix, codes, left_out = shapes and list(shapes), [], [], set()
+    header, read, codes, left_out = shapes and list(shapes), [], [], set()
     for i, row in enumerate(rows):
         place = f"{path}, frame {i}"
         beside = {}
+        row = _scored(row)
         if isinstance(row, dict):
             word = next(
                 (k for k in row if normalised(k) in _WEIGHTS and not _is_scalar(row[k])), None
             )
             if word is not None:
                 beside = {k: v for k, v in row.items() if k != word}
-                row = row[word]
+                row = _scored(row[word])
         if isinstance(row, dict):
             left_out |= {k for k, v in row.items() if not _is_scalar(v)}
             row = {k: v for k, v in row.items() if _is_scalar(v)}
@@ -162,16 +168,19 @@ def _of_frames(path, rows, names, shapes, fps):
             row = [row[name] for name in header] if row else []
         if not isinstance(row, list) and row is not None:
             raise ValueError(f"{place} is a {type(row).__name__}, but must hold weights.")
-        if header is None:
-            raise ValueError(f"{path}: weights without names; a list of names must stand beside.")
+        if row and not header:
+            raise ValueError(
+                f"{path}: weights without names; a list of names must stand beside, and each frame "
+                "hold those of one face."
+            )
         if row and len(row) != len(header):
             raise ValueError(f"{place} has {len(row)} weights for {len(header)} names.")
-        row = row or [None] * len(header)
-        time = [k for k in beside if normalised(k) in ("time", "timecode", "timestamp")]
-        codes += [str(beside[time[0]])] if time else []
+        time = [k for k in beside if normalised(k) in _TIMES]
+        codes += [_code(beside[k], normalised(k), f"{place}, {k}") for k in time[:1]]
         left_out |= {*beside} - {*time[:1]}
-        matrix.append(
-            [
+        read.append(
+            row
+            and [
                 np.nan if v is None else _number(v, f"{place}, {name}")
                 for v, name in zip(row, header, strict=True)
             ]
@@ -180,8 +189,31 @@ def _of_frames(path, rows, names, shapes, fps):
         raise ValueError(f"{path}: only {len(codes)} of {len(rows)} frames have a time.")
     if not header:
         raise ValueError(f"{path}: no frames with weights in it.")
-    matrix = np.array(matrix).reshape(len(rows), len(header))
+    lost = [np.nan] * len(header)  # of a frame without a face
+    matrix = np.array([row or lost for row in read]).reshape(len(rows), len(header))
     return _recording(path, header, matrix, names, fps, codes or None, sorted(left_out))
+
+
+def _code(moment, key, place):
+    """The time of a frame as a time code."""
+    if _TIMES[key] == 1:
+        return str(moment)
+    return _as_codes(np.array([_number(moment, place) / _TIMES[key]]))[0]
+
+
+def _scored(row):
+    """Weights by name of a frame as MediaPipe has it: a list of categories with a score each."""
+    while isinstance(row, list) and len(row) == 1 and isinstance(row[0], (list, dict)):
+        row = row[0]  # of the one face
+    if isinstance(row, dict) and isinstance(row.get("categories"), list):
+        row = row["categories"]
+    keys = ("categoryName", "category_name")
+    if not _is_list_of(row, dict):
+        return row
+    key = next((k for k in keys if k in row[0]), None)
+    if key is None or not all(isinstance(c.get(key), str) and "score" in c for c in row):
+        return row
+    return {c[key]: c["score"] for c in row}
 
 
 def _is_scalar(value):

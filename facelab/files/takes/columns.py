@@ -1,5 +1,6 @@
 """What the columns of a table are, found by their names alone."""
 
+import re
 from dataclasses import dataclass, field
 
 from facelab.names import ARKIT, canonical, normalised
@@ -8,6 +9,7 @@ _TIME = ("timecode", "time", "times", "timestamp", "timestamps", "seconds", "sec
 _MILLISECONDS = ("ms", "milliseconds", "timems", "timestampms", "timestampsms")
 _FRAME = ("frame", "frames", "frameid", "framenumber", "frameindex", "frameno", "index", "idx")
 _COUNT = "blendshapecount"
+_INTENSITY = re.compile(r"AU\d\d_r")
 
 
 @dataclass
@@ -20,6 +22,8 @@ class Columns:
         Time of each row, number of weights in it, its frame number, frames a second.
     milliseconds : bool
         What `time` counts, if it is a number; else seconds.
+    intensities : bool
+        Whether all are intensities of action units as OpenFace writes them, from 0 to 5.
     numbers : dict of int to str
         Weights and angles, under the names they will have.
     others : dict of int to str
@@ -31,6 +35,7 @@ class Columns:
     frame: int = None
     fps: int = None
     milliseconds: bool = False
+    intensities: bool = False
     numbers: dict = field(default_factory=dict)
     others: dict = field(default_factory=dict)
 
@@ -84,7 +89,8 @@ def weight_columns(header, place, names=None):
     """Columns of any table of weights.
 
     All that do not tell the time are weights under the names they have. Where half of them or more
-    are ARKit's, and half of ARKit's are there, they get its spelling and the others are kept apart.
+    are ARKit's, and half of ARKit's are there, they get its spelling and the others are kept apart;
+    so are those beside the intensities of OpenFace (`AU12_r`, which becomes `AU12`).
 
     Parameters
     ----------
@@ -114,11 +120,16 @@ def weight_columns(header, place, names=None):
                 f"{place}: no column {', '.join(missing)}; there are {', '.join(header)}."
             )
         columns.numbers = {header.index(n): n for n in names}
+    elif openface := [k for k in rest if _INTENSITY.fullmatch(header[k])]:
+        columns.numbers = {k: header[k] for k in openface}
     elif _is_arkit([header[k] for k in rest]):
         columns.numbers = {k: canonical(header[k]) for k in rest if canonical(header[k])}
     else:
         columns.numbers = {k: header[k] for k in rest}
     columns.others = {k: header[k] for k in rest if k not in columns.numbers}
+    columns.intensities = all(map(_INTENSITY.fullmatch, columns.numbers.values()))
+    if columns.intensities:  # the r is no side
+        columns.numbers = {k: n.removesuffix("_r") for k, n in columns.numbers.items()}
     _refuse_doubles([columns.numbers.get(k, name) for k, name in enumerate(header)], header, place)
     return columns
 

@@ -253,6 +253,12 @@ def _checked(found, face, is_angle, scale):
         rest = [k for k in range(len(found.names)) if k not in degrees]
         found.names = [found.names[k] for k in rest]
         values, is_angle = values[:, rest], is_angle[rest]
+    wide = [n for n, a in zip(found.names, is_angle, strict=True) if a and _turns(found, values, n)]
+    if wide:
+        found.warned.append(
+            f"{', '.join(wide)} turn further than half a turn in radians; if these are degrees, "
+            "take them as such (angles counts in radians)"
+        )
     if scale is not None:
         check_number(scale, "scale", above=0)
         values = np.where(is_angle, values, values * scale)
@@ -262,6 +268,10 @@ def _checked(found, face, is_angle, scale):
         row, column = (int(i) for i in np.argwhere(far)[0])
         _refuse_weights(found, values[:, ~is_angle], far, row, column, scale)
     return values, is_angle
+
+
+def _turns(found, values, name):
+    return np.nanmax(np.abs(values[:, found.names.index(name)])) > 1.01 * np.pi
 
 
 def _degrees(found, values, is_angle):
@@ -287,7 +297,7 @@ def _refuse_weights(found, W, far, row, column, scale):
         scaled = "" if scale is None else f", times scale={scale:g},"
         raise ValueError(f"{place}{scaled} is beyond any weight; repair that value.")
     count = int(far.sum())
-    if most <= 150 and count > 0.01 * W.size:
+    if 20 < most <= 150 and count > 0.01 * W.size:
         raise ValueError(
             f"{place} is no weight of 0 to 1, nor are {count - 1} others, up to {most:g}; if the "
             "file counts to 100, say so: scale=0.01."

@@ -87,8 +87,10 @@ class _Reader:
         picked, counted = self.pick(cells), None
         if columns.count is not None:
             counted = self._whole(number, columns.count, cells)
-        if counted == 0 or all(c.strip() in _EMPTY for c in picked):
-            values = self._lost(picked, counted, place)
+        bare = [cell.strip() for cell in picked]
+        if counted == 0 or all(cell in _EMPTY for cell in bare):
+            written = all(bare)  # as NaN: no row that was cut
+            values = self._lost(picked, None if written else counted, place)
         else:
             values = self._numbers(number, picked, plain)
             self._same_count(counted, number)
@@ -158,6 +160,10 @@ class _Reader:
             except ValueError as error:
                 if k == self.width - 1 and not self.table.ended:
                     raise _CutError(str(error)) from None
+                if not self.rows and self.table.what == "table of weights":
+                    raise ValueError(
+                        f"{error} If the column holds no weights, name those that do: names=[...]."
+                    ) from None
                 raise
         return values
 

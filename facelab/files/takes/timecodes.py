@@ -27,8 +27,12 @@ _DAY = 86400
 _SMPTE = re.compile(
     r"(\d{1,2})[:;]([0-5]?\d)[:;]([0-5]?\d)([:;])(\d{1,3})(?:[.,](\d{1,9}))?", re.ASCII
 )
-_CLOCK = re.compile(r"(?:(\d{1,2}):)?([0-5]?\d):([0-5]?\d)(?:[.,](\d{1,9}))?", re.ASCII)
-_SECONDS = re.compile(r"[+-]?\d{1,12}(?:[.,]\d{0,20})?(?:[eE]-?\d{1,2})?", re.ASCII)
+_CLOCK = re.compile(  # perhaps with a date in front, and the zone behind, as ISO 8601 has it
+    r"(?:\d{4}-\d\d-\d\d[T ])?(?:(\d{1,2}):)?([0-5]?\d):([0-5]?\d)(?:[.,](\d{1,9}))?"
+    r"(?:Z|[+-]\d\d:?\d\d)?",
+    re.ASCII,
+)
+_SECONDS = re.compile(r"[+-]?\d{1,15}(?:[.,]\d{0,20})?(?:[eE]-?\d{1,2})?", re.ASCII)
 _REMEDY = "if the rows follow one another at a fixed rate, say so: fps=30"
 
 
@@ -193,7 +197,8 @@ def _seconds(parts, codes):
     if len(seconds) > 1 and not (seconds % 1).any():
         raise ValueError(
             f"{codes.place(0)}: {codes.texts[0].strip()}, {codes.texts[1].strip()}, ... count rows "
-            f"or whole seconds, and no rate is told; {_REMEDY}."
+            "or whole seconds, and no rate is told; name the column timestamp_ms if it counts "
+            f"milliseconds; {_REMEDY}."
         )
     return _Beats(seconds, 1)
 

@@ -22,15 +22,17 @@ def read_weights(path, fps=None, scale=None, names=None):
 
     Text: a line of names, then a row for each frame, set off by commas, semicolons or tabs. A table
     of `write_weights_csv` comes back exactly as it was; one of Live Link Face is known by its
-    header and read by `read_live_link_csv`. JSON: names beside a matrix of weights (`facsNames`,
-    `weightMat` and `exportFps` of Audio2Face, or `names`, `weights`, `fps`), a list of frames with
-    a weight for each name, or a list of weights for each name. npz: `names` and `weights`, with or
-    without `fps`, `times` and `valid`, or an array for each name.
+    header and read by `read_live_link_csv`; of OpenFace's the intensities (`AU12_r`, 0 to 5) become
+    weights (`AU12`, 0 to 1), and rows without success are lost. JSON: names beside a matrix of
+    weights (`facsNames`, `weightMat` and `exportFps` of Audio2Face, or `names`, `weights`, `fps`),
+    a list of frames, or one in each line, with a weight for each name or with the categories of
+    MediaPipe, or a list of weights for each name. npz: `names` and `weights`, with or without
+    `fps`, `times` and `valid`, or an array for each name.
 
     Parameters
     ----------
     path : str or Path
-        `.json` and `.npz` by their ending; all else is text.
+        `.json`, `.jsonl`, `.ndjson` and `.npz` by their ending; all else is text.
     fps : float, optional
         Frames a second; goes before what the file says of time. Needed where it says nothing.
     scale : float, optional
@@ -70,8 +72,8 @@ def read_weights(path, fps=None, scale=None, names=None):
     if isinstance(names, str):
         raise TypeError(f"names={names!r} is one str; give a list of names.")
     ending = Path(path).suffix.lower()
-    if ending in (".json", ".npz"):
-        found = (read_json_recording if ending == ".json" else read_npz_recording)(path, names)
+    if ending in (".json", ".jsonl", ".ndjson", ".npz"):
+        found = (read_npz_recording if ending == ".npz" else read_json_recording)(path, names)
     else:
         table = TextTable(path, "table of weights")
         if names is None and is_live_link(table.header):
@@ -80,10 +82,26 @@ def read_weights(path, fps=None, scale=None, names=None):
         if table.header[:2] == ["frame", "fps"] and names is None:
             found = _ours(table, place)
         else:
-            found = read_rows(table, weight_columns(table.header, place, names))
+            columns = weight_columns(table.header, place, names)
+            found = read_rows(table, columns)
+            if columns.intensities:
+                scale = _of_openface(found, scale)
     if found.others:
-        found.warned.append(f"no weights, kept apart in others: {', '.join(found.others)}")
+        others = list(found.others)
+        more = f", ... ({len(others)})" if len(others) > 12 else ""
+        found.warned.append(f"no weights, kept apart in others: {', '.join(others[:12])}{more}")
     return as_take(found, fps, scale)
+
+
+def _of_openface(found, scale):
+    """The scale of intensities; rows without success show no face."""
+    success = found.others.get("success")
+    if success is not None:
+        found.values[success == 0] = np.nan
+    if scale is not None:
+        return scale
+    found.warned.append("intensities of OpenFace, from 0 to 5, are read with scale=0.2")
+    return 0.2
 
 
 def _ours(table, place):
