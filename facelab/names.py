@@ -42,6 +42,7 @@ _FACS_NAMES = {  # by normalised name: as FACS names its units, and as rigs buil
 }
 _SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 _SPACE = re.compile(r"[.:|/\\]+")  # what ends a namespace: head_GEO.jawOpen, Body:jawOpen
+_COPY = re.compile(r"(?<=[^\W\d])\.\d{3}$")  # jawOpen.001: a copy, as Blender numbers them
 _WORD = re.compile(r"[^\W\d_]+|\d+")
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 
@@ -50,7 +51,8 @@ def normalised(name):
     """The key of a name: equal for names that differ in case, separators, side spelling, namespace.
 
     A side (`L`, `left`, `.r`, in front or behind) goes to the end. What stands before the last
-    `.`, `:`, `|` or `/` is a namespace and goes, unless only a side follows.
+    `.`, `:`, `|` or `/` is a namespace and goes, unless only a side follows; so does the number of
+    a copy (`jawOpen.001`).
 
     Parameters
     ----------
@@ -72,6 +74,7 @@ def normalised(name):
 
 def _own_words(name):
     """Words of a name without its namespace."""
+    name = _COPY.sub("", name)
     parts = [words for words in map(_words, _SPACE.split(name)) if words]
     words = parts[-1] if parts else []
     if len(parts) > 1 and len(words) == 1 and words[0] in _SIDES:
@@ -147,8 +150,9 @@ def match_names(shapes, names):
 
     The same name is taken first, then one that differs in case, separators, spelling of the side
     or namespace (see `normalised`), then one that differs by a prefix that half of its list has
-    (`head_jawOpen`), and at last a name without side for a shape that has one (`browInnerUp` for
-    `browInnerUp_L` and `browInnerUp_R`; a bare `jaw` or `mouth` says no direction).
+    (`head_jawOpen`, `07_jawOpen`), and at last a name without side for a shape that has one
+    (`browInnerUp` for `browInnerUp_L` and `browInnerUp_R`; a bare `jaw` or `mouth` says no
+    direction).
 
     Parameters
     ----------
@@ -224,8 +228,11 @@ def _stem(key):
 
 
 def _without_prefix(names):
-    """Keys without the leading words that half of the names share, two at least."""
+    """Keys without the leading words, or numbers, that half of the names share, two at least."""
     words = [_own_words(n) for n in names]
+    numbered = [w[0].isdigit() and w[1] not in _SIDES for w in words if len(w) > 1]
+    if sum(numbered) > len(words) / 2:  # 01_jawOpen, 02_jawLeft
+        words = [w[1:] if len(w) > 1 and w[0].isdigit() else w for w in words]
     prefix = []
     while True:
         ahead = Counter(

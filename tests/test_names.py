@@ -45,6 +45,21 @@ def test_other_names_are_none_of_arkits(name):
     assert canonical(name) is None
 
 
+@pytest.mark.parametrize(
+    "spell", ["{name}.001", "{k:02d}_{name}", "shape.{k}_{name}"], ids=["copy", "number", "both"]
+)
+def test_numbers_of_copies_and_in_front_are_seen_through(spell):
+    shapes = [spell.format(k=k, name=name) for k, name in enumerate(ARKIT)]
+    found = match_names(shapes, ARKIT)
+    assert found.driven == dict(zip(shapes, ARKIT, strict=True))
+
+
+def test_numbers_that_are_names_stay():
+    found = match_names(["AU_01", "AU_02_L", "AU_12_L"], ["AU01", "AU02L", "AU12L"])
+    assert list(found.driven.values()) == ["AU01", "AU02L", "AU12L"]
+    assert match_names(["1_L", "2_L", "3_L"], ["2_L", "4_L"]).driven == {"2_L": "2_L"}
+
+
 def test_letters_of_every_alphabet_stay():
     assert normalised("Brauenrücken_L") == "brauenrückenleft"
     assert normalised("眉_L") != normalised("口_L")

@@ -17,6 +17,7 @@ _NEEDED = {
 }
 _BORDER = 0.3  # of the way from the fullest of a lip to the fold beyond: where its red ends
 _CORNER = 15.0  # mm from the end of the parted lips, within which the corner is looked for
+_ALONG = 0.7  # cosine: a head may be tilted or turned by 45 degrees
 _LID = 0.5  # share of the largest motion of a blink that is left at the corners of the eye
 
 
@@ -43,7 +44,8 @@ def guess_landmarks(rig):
     Raises
     ------
     ValueError
-        If such a shape is missing or moves nothing, or the jaw parts no lips.
+        If such a shape is missing or moves nothing, the jaw parts no lips, or the eyes do not lie
+        above the mouth with the left one on the left: another frame, or sides exchanged in names.
 
     Examples
     --------
@@ -64,6 +66,7 @@ def guess_landmarks(rig):
             "(rig.renamed), or read or pick landmarks."
         )
     V, found = mesh.vertices, {}
+    _refuse_other_frame(V, size)
     mouth = _parted(V, np.flatnonzero(skin), size["jawOpen"])
     for side, out in (("left", 1), ("right", -1)):
         end = mouth[(out * V[mouth, 0]).argmax()]
@@ -82,6 +85,24 @@ def _size(rig, meaning):
     found = [d for n, d in zip(rig.names, rig.deltas, strict=True) if meaning in arkit_names(n)]
     moved = np.sum(found, axis=0) if found else np.zeros_like(rig.deltas[0])
     return np.linalg.norm(moved, axis=1)
+
+
+def _refuse_other_frame(V, size):
+    """The eyes tell where left is; the mouth below them, where up is."""
+    left, right, one, other = (
+        size[name] @ V / size[name].sum()
+        for name in ("eyeBlinkLeft", "eyeBlinkRight", "mouthSmileLeft", "mouthSmileRight")
+    )
+    across, up = left - right, (left + right - one - other) / 2
+    for way, axis, what in ((across, 0, "from the right eye to the left"), (up, 1, "upwards")):
+        if way[axis] < _ALONG * np.linalg.norm(way):
+            x, y, z = way / np.linalg.norm(way)
+            raise ValueError(
+                f"rig: by its shapes the way {what} is ({x:.1f}, {y:.1f}, {z:.1f}), and it must be "
+                f"{'xyz'[axis]}: turn it into the head frame (x to the person's left, y up, z "
+                "forward), or rename shapes whose sides are exchanged (rig.renamed). Else read or "
+                "pick landmarks."
+            )
 
 
 def _lids(mesh, blink):

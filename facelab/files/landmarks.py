@@ -23,6 +23,8 @@ _NUMBERED = {68: MULTI_PIE, 51: MULTI_PIE[17:]}  # lists without names in an ord
 _MOST = 4_000_000  # bytes; a file of landmarks has some thousands
 _FAR = 5.0  # mm from the mesh: a landmark that belongs to another one, or another unit
 _INTEGER = re.compile(r"-?\d{1,15}", re.ASCII)
+_NUMBER = re.compile(r"[-+0-9.,eE]+", re.ASCII)
+_HEADER = {*"name names label landmark index indices idx vertex id x y z".split()}
 _UP = ("eye_right_outer", "eye_left_outer", "chin", "nose_tip")
 
 
@@ -71,10 +73,10 @@ def read_landmarks(path, mesh, names=None, scale=1.0):
     path : str or Path
         `.ljson` of menpo (version 1 to 3, three-dimensional) and `.pp` of MeshLab have points,
         which go to the nearest vertex. `.json` has those of menpo, or a vertex for each name,
-        `{"chin": 1204}`. `.txt`, `.csv` and `.npy` have indices of vertices, the former with or
-        without a name in front of each. `.npz` has places in triangles, as FLAME's
-        embeddings do: an array of triangles (n,) with `face` in its name, and one of barycentric
-        weights (n, 3) with `b_coords` or `bary`; each goes to its nearest corner.
+        `{"chin": 1204}`, or a point, `[x, y, z]`. `.txt` and `.csv` have a vertex or a point in
+        each line, with or without a name in front, `.npy` vertices. `.npz` has places in triangles,
+        as FLAME's embeddings do: an array of triangles (n,) with `face` in its name, and one of
+        barycentric weights (n, 3) with `b_coords` or `bary`; each goes to its nearest corner.
     mesh : TriangleMesh
         In its own frame, its vertices in the order of its file.
     names : sequence of str, optional
@@ -117,22 +119,24 @@ def read_landmarks(path, mesh, names=None, scale=1.0):
     if path.stat().st_size > _MOST:
         raise ValueError(f"{path}: {path.stat().st_size / 1e6:.0f} MB are no file of landmarks.")
     top = load_json(path.read_bytes(), path, "file of landmarks") if "json" in kind else None
-    if kind == ".pp" or (top is not None and {"version", "groups", "landmarks"} & set(top.value)):
-        found, points = _picked(path) if top is None else _ljson(path, top)
-        labels = _named(path, found, len(points), names)
-        found = _nearest(path, mesh, labels, scale * points)
+    menpo = top is not None and {"version", "groups", "landmarks"} & set(top.value)
+    if kind == ".pp" or menpo:
+        found, places = _picked(path) if top is None else _ljson(path, top)
     else:
         read = {".npy": _npy, ".npz": _npz, ".txt": _listed, ".csv": _listed}
-        found, indices = read[kind](path, mesh) if top is None else _of_names(path, top)
-        labels = _named(path, found, len(indices), names)
-        out = (indices < 0) | (indices >= mesh.n_vertices)
+        found, places = read[kind](path, mesh) if top is None else _of_names(path, top)
+    labels = _named(path, found, len(places), names)
+    if places.ndim == 2:
+        found = _nearest(path, mesh, labels, scale * places)
+    else:
+        out = (places < 0) | (places >= mesh.n_vertices)
         if out.any():
             raise ValueError(
-                f"{path}: {labels[int(out.argmax())]} is vertex {indices[out][0]}, but the mesh "
+                f"{path}: {labels[int(out.argmax())]} is vertex {places[out][0]}, but the mesh "
                 f"has 0 to {mesh.n_vertices - 1}; give the mesh that they were set on, with its "
                 "vertices in the order of its file."
             )
-        found = dict(zip(labels, indices.tolist(), strict=True))
+        found = dict(zip(labels, places.tolist(), strict=True))
     _check_places(path, mesh, found)
     return found
 
@@ -231,7 +235,7 @@ def _picked(path):
 
 def _number(text):
     try:
-        return float(text) if re.fullmatch(r"[-+0-9.eE]+", text) else math.nan
+        return float(text.replace(",", ".")) if _NUMBER.fullmatch(text) else math.nan
     except ValueError:
         return math.nan
 
@@ -261,34 +265,49 @@ def _nearest(path, mesh, labels, points):
 
 
 def _listed(path, mesh):
-    """Names, or None, and vertices: a number in each line, or many, or a name before each."""
-    names, numbers = [], []
+    """Names, or None, and vertices, or points, of a list with a name in front of each or none.
+
+    Points are three numbers in each line, not all of them whole or with a name in front; vertices
+    without names may be many in a line.
+    """
+    lines = []
     for at, line, _ in text_lines(path, "list of landmarks"):
         words = [w.strip("\"'") for w in re.split(r"[\s,;:=\[\]()]+", line.split("#")[0]) if w]
-        if not words:
-            continue
-        whole = [bool(_INTEGER.fullmatch(w)) for w in words]
-        if all(whole):
-            numbers += map(int, words)
-        elif len(words) == 2 and whole[1]:
-            names.append(words[0])
-            numbers.append(int(words[1]))
-        else:
-            raise ValueError(
-                f"{path}, line {at}: {line.strip()[:60]!r} is neither a list of vertices nor a "
-                "name and a vertex."
-            )
-        if names and len(names) != len(numbers):
-            raise ValueError(f"{path}, line {at}: some landmarks have a name and others none.")
-    if not numbers:
+        if words and (lines or not {w.lower() for w in words} <= _HEADER):
+            name = [] if math.isfinite(_number(words[0])) else [words.pop(0)]
+            lines.append((at, line.strip()[:60], name, words))
+    if not lines:
         raise ValueError(f"{path}: no vertices in it.")
-    return names or None, np.array(numbers, dtype=np.int64)
+    named = [bool(name) for _, _, name, _ in lines]
+    points = any(len(w) == 3 and (n or not _whole(w)) for _, _, n, w in lines)
+    for (at, shown, _, words), own in zip(lines, named, strict=True):
+        if points:
+            good = len(words) == 3 and all(math.isfinite(_number(w)) for w in words)
+        else:
+            good = _whole(words) and (len(words) == 1 or not own)
+        if not good:
+            raise ValueError(
+                f"{path}, line {at}: {shown!r} is neither a list of vertices nor a name "
+                "and a vertex, nor x, y and z of a point, as the other lines."
+            )
+        if own != named[0]:
+            raise ValueError(f"{path}, line {at}: some landmarks have a name and others none.")
+    names = [name for _, _, [name], _ in lines] if named[0] else None
+    if points:
+        return names, np.array([[_number(w) for w in words] for _, _, _, words in lines])
+    return names, np.array([int(w) for _, _, _, words in lines for w in words], dtype=np.int64)
+
+
+def _whole(words):
+    return bool(words) and all(map(_INTEGER.fullmatch, words))
 
 
 def _of_names(path, top):
-    """Names and vertices of an object of JSON."""
+    """Names and vertices, or points, of an object of JSON."""
     if not top.value:
         raise ValueError(f"{path}: it names no landmark.")
+    if all(isinstance(value, list) for value in top.value.values()):
+        return list(top.value), np.array([top.numbers(name, 3) for name in top.value])
     return list(top.value), np.array([top.whole(name) for name in top.value], dtype=np.int64)
 
 
@@ -378,7 +397,7 @@ def _named(path, found, n, names):
 
 
 def _check_places(path, mesh, found):
-    """Refuse sides exchanged, warn of two landmarks at one vertex."""
+    """Refuse sides exchanged, all or some, and warn of two landmarks at one vertex."""
     if set(_UP) <= set(found):
         right, left, chin, nose = (mesh.vertices[found[n]] for n in _UP)
         eyes = (right + left) / 2
@@ -390,6 +409,18 @@ def _check_places(path, mesh, found):
                 "seen with the chin below, the nose would point backwards. Left is the person's; "
                 "give names= in the right order, or mend the file."
             )
+    pairs = [(n, n.replace("left", "right")) for n in found if "left" in n]
+    pairs = [(left, right) for left, right in pairs if right in found]
+    across = [mesh.vertices[found[a]] - mesh.vertices[found[b]] for a, b in pairs]
+    across = np.reshape(across, (-1, 3))
+    away = across @ across.sum(axis=0)  # all to the one side
+    if (away < 0).any():
+        worst = int(away.argmin())
+        raise ValueError(
+            f"{path}: {' and '.join(pairs[worst])} stand the other way round than most of the "
+            f"{len(pairs)} pairs ({int((away < 0).sum())} do): their sides are exchanged, or the "
+            "landmarks stand in another order. Give names= in the right order, or mend the file."
+        )
     at = {}
     for name, v in found.items():
         at.setdefault(v, []).append(name)

@@ -43,6 +43,31 @@ def test_the_size_of_the_shapes_and_still_pieces_do_not_matter(actor):
     assert guess_landmarks(both) == guess_landmarks(actor)
 
 
+@pytest.mark.parametrize(
+    "turned, words",
+    [
+        ([[1, 0, 0], [0, 0, -1], [0, 1, 0]], "upwards is .* it must be y"),
+        ([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], "from the right eye to the left is .* it must be x"),
+        ([[-1, 0, 0], [0, 1, 0], [0, 0, -1]], "from the right eye to the left is .* it must be x"),
+        ([[-1, 0, 0], [0, -1, 0], [0, 0, 1]], "it must be"),
+    ],
+    ids=["z up", "to the side", "away", "upside down"],
+)
+def test_a_head_in_another_frame_is_refused_with_how_it_stands(actor, turned, words):
+    R = np.array(turned).T
+    mesh = TriangleMesh(actor.neutral.vertices @ R, actor.neutral.faces)
+    with pytest.raises(ValueError, match=words):
+        guess_landmarks(BlendshapeRig(mesh, actor.names, actor.deltas @ R))
+
+
+def test_a_head_tilted_by_twenty_degrees_is_still_guessed(actor):
+    c, s = np.cos(0.35), np.sin(0.35)
+    R = np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
+    mesh = TriangleMesh(actor.neutral.vertices @ R, actor.neutral.faces, actor.neutral.landmarks)
+    rig = BlendshapeRig(mesh, actor.names, actor.deltas @ R)
+    assert max(off(rig, guess_landmarks(rig)).values()) < 12  # the chin
+
+
 @pytest.mark.real
 def test_on_the_generic_face_they_are_within_four_millimetres(real_rig):
     assert max(off(real_rig, guess_landmarks(real_rig)).values()) < 4
@@ -68,5 +93,5 @@ def test_what_the_shapes_do_not_tell_is_refused(actor):
     with pytest.raises(TypeError, match="rig is a TriangleMesh"):
         guess_landmarks(actor.neutral)
     lying = actor.neutral.with_vertices(actor.neutral.vertices[:, [1, 2, 0]])
-    with pytest.raises(ValueError, match="must be in the head frame"):
+    with pytest.raises(ValueError, match="turn it into the head frame"):
         guess_landmarks(BlendshapeRig(lying, actor.names, actor.deltas[..., [1, 2, 0]]))

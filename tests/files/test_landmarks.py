@@ -1,5 +1,6 @@
 import io
 import json
+import re
 import warnings
 
 import numpy as np
@@ -141,6 +142,45 @@ def test_sides_exchanged_and_another_order_are_refused(face, tmp_path):
     path = write(tmp_path, "b.txt", "\n".join(str(face.landmarks[n]) for n in MULTI_PIE[::-1]))
     with pytest.raises(ValueError, match="another order"):
         read_landmarks(path, face)
+
+
+def test_one_pair_exchanged_and_an_order_shifted_by_one_are_refused(face, tmp_path):
+    six = dict.fromkeys(("eye_left_outer", "eye_right_outer", "chin", "nose_tip"))
+    at = {n: face.landmarks[n] for n in (*six, "mouth_corner_left", "mouth_corner_right")}
+    at["mouth_corner_left"], at["mouth_corner_right"] = (
+        at["mouth_corner_right"],
+        at["mouth_corner_left"],
+    )
+    path = write(tmp_path, "a.json", json.dumps(at))
+    with pytest.raises(
+        ValueError, match="mouth_corner_left and mouth_corner_right stand the other"
+    ):
+        read_landmarks(path, face)
+    order = [face.landmarks[n] for n in (*MULTI_PIE[1:], MULTI_PIE[0])]
+    path = write(tmp_path, "a.txt", "\n".join(map(str, order)))
+    with pytest.raises(ValueError, match="landmarks stand in another order"):
+        read_landmarks(path, face)
+
+
+@pytest.mark.parametrize("kind", ["named", "bare", "header", "json"])
+def test_points_are_read_from_text_and_json(face, tmp_path, kind):
+    points = dict(zip(MULTI_PIE, points_of(face).tolist(), strict=True))
+    lines = {n: " ".join(f"{c:.4f}" for c in p) for n, p in points.items()}
+    text = {
+        "named": "\n".join(f"{n}, {line.replace(' ', ', ')}" for n, line in lines.items()),
+        "bare": "\n".join(lines.values()),
+        "header": "name x y z\n" + "\n".join(f"{n} {line}" for n, line in lines.items()),
+        "json": json.dumps(points),
+    }[kind]
+    name = "a.json" if kind == "json" else "a.csv"
+    assert read_landmarks(write(tmp_path, name, text), face) == face.landmarks
+
+
+def test_meshlab_with_decimal_commas_is_read(face, tmp_path):
+    text = picked(face)
+    for axis in "xyz":
+        text = re.sub(rf'{axis}="([^"]*)"', lambda m: m[0].replace(".", ","), text)
+    assert read_landmarks(write(tmp_path, "a.pp", text), face) == face.landmarks
 
 
 def test_names_are_given_for_lists_in_an_order_of_their_own(face, tmp_path):
