@@ -311,6 +311,11 @@ class BlendshapeRig(FaceModel):
         pairs = [k for k in sided.values() if len(k) == 2 and not contrary[k[0], k[1]]]
         single = [[k] for k in np.flatnonzero(size > 0) if not any(k in pair for pair in pairs)]
         units = pairs + single
+        if not units:
+            raise ValueError(
+                f"rig: its {len(self.names)} shapes move nothing, so nothing can be mixed of them; "
+                "export it again with its shapes."
+            )
         W = np.zeros((n_frames, len(self.names)))
         for row in W:
             for _ in range(rng.integers(1, 7)):

@@ -1,5 +1,6 @@
 """Files written whole or not at all, and our own npz files, read with care."""
 
+import codecs
 import contextlib
 import errno
 import math
@@ -182,8 +183,19 @@ def _as_path(path):
 # --- reading --------------------------------------------------------------------------------------
 
 
+_SOMETHING_ELSE = {  # what a file may be that goes under another's name, by its first bytes
+    b"version https://git-lfs": "a pointer of Git LFS to it; fetch it with `git lfs pull`",
+    b"<!doctype html": "a page of the web; download the file itself",
+    b"<html": "a page of the web; download the file itself",
+    b"\x1f\x8b": "packed with gzip; unpack it first",
+    b"kaydara fbx": "an FBX file; open it in Blender and save it as GLB",
+}
+
+
 def existing_file(path, what):
     """The path as a `Path`, refused unless it is a file with something in it that may be read.
+
+    Files that are plainly something else (a web page, a pointer of Git LFS) are refused as that.
 
     Parameters
     ----------
@@ -194,8 +206,8 @@ def existing_file(path, what):
     Raises
     ------
     FileNotFoundError, PermissionError, ValueError, TypeError
-        For a missing file, one that may not be read, a folder, a pipe or an empty file, or what
-        is no path.
+        For a missing file, one that may not be read, a folder, a pipe, an empty file or one of
+        another kind, or what is no path.
     """
     path = _as_path(path)
     try:
@@ -210,6 +222,11 @@ def existing_file(path, what):
         raise PermissionError(f"path={str(path)!r} may not be read; allow reading this {what}.")
     if found.st_size == 0:
         raise ValueError(f"path={str(path)!r} is empty; export the {what} again.")
+    with open(path, "rb") as file:
+        head = file.read(64).lower().removeprefix(codecs.BOM_UTF8).lstrip()
+    for mark, said in _SOMETHING_ELSE.items():
+        if head.startswith(mark):
+            raise ValueError(f"{path} is no {what}, but {said}.")
     return path
 
 

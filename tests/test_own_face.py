@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from planted import bumpy_rig
 
+from facelab.motion import WeightSequence
 from facelab.rig import BlendshapeRig
+from facelab.widgets.own_face import own_face
 
 
 @pytest.fixture
@@ -39,3 +41,12 @@ def test_weights_are_those_of_a_face_and_the_same_each_time(sided):
         take.weights, sided.plausible_mixtures(300, random_state=4).weights
     )
     assert not np.array_equal(take.weights, sided.plausible_mixtures(300).weights)
+
+
+@pytest.mark.parametrize("weight, lost", [(0.0, False), (0.7, False), (0.7, True)])
+def test_a_take_that_holds_the_face_still_teaches_nothing(sided, weight, lost):
+    W = np.full((40, 5), weight)
+    W[0] = 0 if lost else weight
+    valid = np.arange(40) > 0
+    with pytest.raises(ValueError, match="moves the rig by 0 mm in 39 valid frames"):
+        own_face(sided, WeightSequence(W, sided.names, 30, valid))

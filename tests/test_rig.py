@@ -380,3 +380,9 @@ def test_a_rig_on_control_vertices_is_carried_by_the_binding(rng):
     np.testing.assert_allclose(
         session.vertices[100], dense.vertices[100] + [0.4, 0.2, -0.3], atol=1e-3
     )
+
+
+def test_shapes_that_move_nothing_cannot_be_mixed():
+    mesh = TriangleMesh([[0, 0, 0], [90, 0, 0], [0, 90, 0]], [[0, 1, 2]])
+    with pytest.raises(ValueError, match="its 2 shapes move nothing"):
+        BlendshapeRig(mesh, ["a", "b"], np.zeros((2, 3, 3))).plausible_mixtures()

@@ -199,6 +199,22 @@ def test_files_that_cannot_be_read_are_refused_at_once(tmp_path, monkeypatch):
         existing_file(tmp_path / "a", "pose")
 
 
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0", "no mesh, but a pointer of"),
+        (b"\xef\xbb\xbf\n<!DOCTYPE HTML><title>404", "no mesh, but a page of the web"),
+        (b"Kaydara FBX Binary  \0", "no mesh, but an FBX file; open it in Blender"),
+        (b"\x1f\x8b\x08\0", "no mesh, but packed with gzip; unpack"),
+    ],
+    ids=["lfs", "page", "fbx", "gzip"],
+)
+def test_a_file_that_is_plainly_something_else_is_refused_as_that(tmp_path, data, words):
+    (tmp_path / "a").write_bytes(data)
+    with pytest.raises(ValueError, match=words):
+        existing_file(tmp_path / "a", "mesh")
+
+
 def test_a_file_that_is_open_elsewhere_is_replaced_once_it_is_closed(tmp_path, monkeypatch):
     path, replace, tries = tmp_path / "a.txt", os.replace, []
     path.write_text("old")

@@ -19,10 +19,6 @@ _PLAIN = {  # lines in which float() finds nothing but numbers as they are writt
     ";": re.compile(r"[0-9eE+\-.: ;]*"),
     "\t": re.compile(r"[0-9eE+\-.:; \t]*"),
 }
-_PACKED = {  # what files begin with that hold a text, packed
-    b"\x1f\x8b": "is packed with gzip; unpack it first",
-    b"PK\3\4": "is a spreadsheet or a zip archive; save its table as CSV, or unpack it",
-}
 _UTF = {
     codecs.BOM_UTF8: "utf-8",
     codecs.BOM_UTF32_LE: "utf-32-le",  # before UTF-16, whose mark it begins with
@@ -58,9 +54,10 @@ def text_lines(path, what):
     path = existing_file(path, what)
     with open(path, "rb") as source:
         head = source.read(4096)
-        for mark, said in _PACKED.items():
-            if head.startswith(mark):
-                raise ValueError(f"{path}: it {said}. Wanted is a {what} in text.")
+        if head.startswith(b"PK\3\4"):
+            raise ValueError(
+                f"{path} is a spreadsheet or a zip archive; save its table as CSV, or unpack it."
+            )
         mark = next((m for m in _UTF if head.startswith(m)), b"")
         encoding = _UTF.get(mark) or _unmarked(head)
         source.seek(len(mark))

@@ -10,7 +10,7 @@ from facelab.looks import Prop, face_props
 from facelab.numeric.least_squares import solve_bounded
 from facelab.pipeline import model_from_take
 
-_NOISE = 0.3  # mm per axis, as a capture has it
+_NOISE = 0.3  # mm per axis, as a capture has it; less is no motion
 _MOVES = 1e-3  # mm: what moves less is still
 _RIDGE = 1e-3  # of what a shape moves: where two shapes say the same, each gets its share
 _PART = (0.86, 0.85, 0.83)  # colour of parts that the file has none for
@@ -39,6 +39,8 @@ def own_face(rig, take=None, n_components=20, n_regions=9):
         about += f" in {pieces.max() + 1} pieces, of which the largest that moves is posed"
         rig = rig.on(np.flatnonzero(face))
     mixed = take is None
+    if not mixed:
+        _refuse_still(rig, take)
     learned = model_from_take(
         rig.plausible_mixtures() if mixed else take,
         rig,
@@ -57,6 +59,18 @@ def own_face(rig, take=None, n_components=20, n_regions=9):
         "takes": {} if mixed else {"take": (small.animate(take), take)},
     }
     return arguments, about
+
+
+def _refuse_still(rig, take):
+    """Of a take that holds the face still a model would learn the noise that is put on it."""
+    W = rig.rig_weights(take)[take.valid]
+    reach = np.ptp(W, axis=0) @ np.abs(rig.deltas).max(axis=(1, 2)) if len(W) else 0
+    if reach < _NOISE:
+        raise ValueError(
+            f"take moves the rig by {reach:.2g} mm in {len(W)} valid frames, and a region model "
+            "learns from motion; give a take of expressions, or none: it then learns from mixtures "
+            "of the rig's shapes."
+        )
 
 
 def shown_parts(rig, parts):
