@@ -19,6 +19,7 @@ from facelab.files.markers.rules import MM_PER_UNIT, checked, factor_of, judged,
 _NEXUS_PARTS = ("trajectories", "devices", "joints", "model outputs", "events")
 _AXIS_NAME = re.compile(r"(.*?)[\s_.:|-]*([xyzXYZ])(?:\s*[\[(]([^\])]*)[\])])?")
 _FRAME_NAMES = ("frame", "frames", "frame#", "frame number", "framenumber", "field", "field #", "")
+_NUMBERED = re.compile(r"(\w*?)_?([XYZ])_(\d{1,3})")  # X_0 of OpenFace, where pose_Rx is no marker
 _TIME_NAME = re.compile(
     r"(?:time|t|timestamp|times|seconds|sec)(?:[\s_]*[\[(]?(s|sec|seconds|ms|milliseconds)[\])]?)?"
 )
@@ -305,8 +306,10 @@ class _Columns:
 
 def _sorted_out(path, number, titles):
     found, axes_of, unit_of = _Columns(), {}, {}
+    numbered = {i: m for i, m in enumerate(map(_NUMBERED.fullmatch, titles)) if m}
     for i, title in enumerate(titles):
-        timed, named = _TIME_NAME.fullmatch(title.lower()), _AXIS_NAME.fullmatch(title)
+        timed = _TIME_NAME.fullmatch(title.lower())
+        named = None if numbered else _AXIS_NAME.fullmatch(title)
         if found.frame is None and i < 3 and title.lower() in _FRAME_NAMES:
             found.frame = i
         elif found.time is None and timed:
@@ -318,6 +321,9 @@ def _sorted_out(path, number, titles):
                 raise ValueError(f"{path}, line {number}: two columns are called {title}.")
             axes[named[2].lower()] = i
             unit_of[i] = named[3]
+        elif i in numbered:
+            prefix, axis, count = numbered[i].groups()
+            axes_of.setdefault(f"{prefix}_{count}".strip("_"), {})[axis.lower()] = i
     for name, axes in axes_of.items():
         if len(axes) == 3:
             found.markers.append((name, tuple(axes[axis] for axis in "xyz")))
@@ -327,7 +333,7 @@ def _sorted_out(path, number, titles):
             "columns so, or export from the capture program with its header."
         )
     read = {column for _, three in found.markers for column in three}
-    found.units = {unit_of[i] for i in read} - {None, ""}
+    found.units = {unit_of.get(i) for i in read} - {None, ""}
     read |= {found.frame, found.time}
     found.others = [i for i in range(len(titles)) if i not in read]
     return found

@@ -135,6 +135,22 @@ def test_a_spreadsheet_in_utf_16_is_read(tmp_path, P):
     check(read(tmp_path, plain(P, NAMES, "\t").encode("utf-16")), P, 100)
 
 
+def test_landmarks_of_openface_are_markers_and_its_pose_is_none(tmp_path, P):
+    n = P.shape[1]
+    header = ["frame", "timestamp", "success", "pose_Rx", "pose_Ry", "pose_Rz", "x_0"]
+    header += [f"{axis}_{k}" for axis in "XYZ" for k in range(n)]
+    P = np.nan_to_num(P, nan=0)  # as it writes what it did not find
+    rows = [
+        [i + 1, f"{i / 50:.3f}", 1, 0.1, 0.2, 0.3, 640, *(f"{c:.3f}" for c in frame.T.ravel())]
+        for i, frame in enumerate(P)
+    ]
+    take = read(tmp_path, "\n".join(", ".join(map(str, row)) for row in [header, *rows]) + "\n")
+    assert take.names == tuple(map(str, range(n))) and take.fps == 50
+    seen = np.isfinite(take.positions)
+    np.testing.assert_allclose(take.positions[seen], P[seen], atol=1e-3)
+    assert not P[~seen].any()
+
+
 def test_plain_tables_need_a_rate_from_somewhere(tmp_path, P):
     text = plain(P, NAMES, timed=False)
     with pytest.raises(ValueError, match="no frame rate in it, and no times; say it with fps="):
