@@ -12,7 +12,7 @@ from facelab.motion import MarkerSequence, MotionSequence
 from facelab.registration import PRESETS, fit_markers, register_sequence, rest_markers
 
 MARKERS = (".c3d", ".trc", ".csv", ".tsv", ".txt", ".npz", ".ma")
-WEIGHTS = (".csv", ".tsv", ".txt", ".json", ".npz")
+WEIGHTS = (".csv", ".tsv", ".txt", ".json", ".jsonl", ".ndjson", ".npz")
 RIGS = (".glb", ".gltf", ".vrm", ".npz")
 
 __all__ = ["MARKERS", "MESHES", "RIGS", "WEIGHTS"]
