@@ -27,7 +27,7 @@ class RigSource:
         The part of it that the rig is.
     index : ndarray of int, shape (n_file_vertices,)
         Vertex of the rig for each vertex of that part in the file: the two sides of a seam have
-        the same.
+        the same. -1 for what the rig has no vertex for, see `BlendshapeRig.on`.
     scale : float
         Millimetres in the file's unit of length.
     apart : int
@@ -193,7 +193,7 @@ class BlendshapeRig(FaceModel):
         return np.bincount(self.neutral.pieces, moves)[self.neutral.pieces] == 0
 
     def on(self, vertices, mesh=None):
-        """The rig on some of its vertices.
+        """The rig on some of its vertices; its source leads back to these.
 
         Parameters
         ----------
@@ -202,11 +202,17 @@ class BlendshapeRig(FaceModel):
             Triangles for the kept vertices, from `TriangleMesh.subsample`; the triangles that
             lie wholly among the kept vertices if left out.
         """
+        source = self.source
+        if source is not None:
+            new = np.full(self.neutral.n_vertices + 1, -1)  # the last one for what has none: -1
+            new[vertices] = np.arange(len(vertices))
+            source = replace(source, index=new[source.index])
         return BlendshapeRig(
             self.neutral.submesh(vertices) if mesh is None else mesh,
             self.names,
             self.deltas[:, vertices],
             {name: shift[vertices] for name, shift in self.identities.items()},
+            source=source,
         )
 
     def animate(self, take, dtype=np.float32):

@@ -34,7 +34,8 @@ def write_into(path, rig, shapes=None, take=None):
         With the ending of the source; for OBJ a folder, or one .obj file for one shape. It may be
         the source itself, which is then replaced whole.
     rig : BlendshapeRig
-        As `read_rig` gave it, or renamed: its `source` tells the file.
+        As `read_rig` gave it, renamed, or on some of its vertices (`rig.on`, `lab.rig` of a head
+        in pieces; what it lacks stays as it is): its `source` tells the file.
     shapes : dict of str to array_like of shape (n_vertices, 3), optional
         Displacements of the rig's vertices, millimetres (of a pose: `session.vertices` less
         `session.neutral.vertices`); both sides of a seam get the same.
@@ -104,7 +105,12 @@ def _checked(shapes, rig):
     for name, moved in shapes.items():
         if not isinstance(name, str) or not name.strip():
             raise ValueError(f"shapes has the name {name!r}; give each shape a name.")
-        found[name] = as_finite(moved, f"shapes[{name!r}]", (n, 3))
+        found[name] = as_finite(moved, f"shapes[{name!r}]", ("n_vertices", 3))
+        if len(found[name]) != n:
+            raise ValueError(
+                f"shapes[{name!r}] has {len(found[name])} vertices, but the rig {n}. Of a head in "
+                "pieces a lab poses the face alone: what is posed there goes with lab.rig."
+            )
     there = sorted(set(found) & set(rig.names))
     if there:
         raise ValueError(
@@ -112,6 +118,12 @@ def _checked(shapes, rig):
             "there is not changed."
         )
     return found
+
+
+def _of_file(moved, rig):
+    """Displacements of the file's vertices; those that the rig does not have stay."""
+    index = rig.source.index
+    return np.where(index[:, None] < 0, 0.0, moved[index])
 
 
 def _into_gltf(path, source, rig, shapes, take):
@@ -123,7 +135,7 @@ def _into_gltf(path, source, rig, shapes, take):
             "file has changed, read it again."
         )
     for name, moved in shapes.items():
-        edit.add_shape(name, moved[rig.source.index] / rig.source.scale)
+        edit.add_shape(name, _of_file(moved, rig) / rig.source.scale)
     if take is not None:
         kept = np.flatnonzero(take.valid)
         if not len(kept):
@@ -209,9 +221,10 @@ def _into_obj(path, rest, rig, shapes):
     if not one:
         path.mkdir(parents=True, exist_ok=True)
     for name, moved in shapes.items():
-        V = base.vertices[moving] + moved[rig.source.index] / rig.source.scale
+        away = _of_file(moved, rig) / rig.source.scale
+        V = base.vertices[moving] + away
         out = list(lines)
-        still = ~moved[rig.source.index].any(axis=1)
+        still = ~away.any(axis=1)
         for row, v, stays in zip(moving, V, still, strict=True):
             if not stays:  # what does not move keeps its digits
                 begin, _, a, _, b, _, end = _VERTEX.fullmatch(lines[at[row]]).groups()
