@@ -17,9 +17,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from facelab.checks import check_number, check_type
 from facelab.expression.transfer import IntermediateSpace
+from facelab.geometry.alignment import procrustes
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size
 from facelab.motion import WeightSequence
@@ -37,6 +39,8 @@ SHARE = 0.55
 NEAR = 0.015
 """k of the energy: share of plain nearness in it."""
 
+_STILL = 0.1  # mm: shapes that move nothing further are none of the face
+_TURNED = np.pi / 6  # of one head against another: more is another frame
 _RIDGE = 1e-5  # of the mean unit: settles what shapes that are mixtures of others leave open
 _NONE = 0.03  # a weight of the map below that is none
 _MADE = 0.5  # a shape of which more than this share is left cannot be made
@@ -127,9 +131,16 @@ class Translator:
         self.rig, self.other = rig, other
         self.turned = turned = _rank(other) > _rank(rig)
         template, guest = (_with_places(r) for r in ((other, rig) if turned else (rig, other)))
+        _refuse_turned(rig.neutral, other.neutral)
         self.space = IntermediateSpace(template, guest.neutral)
         own, theirs = _compared(self.space, guest)
         self._A, self._B = (theirs, own) if turned else (own, theirs)
+        for one, name in ((self._A, "rig"), (self._B, "other")):
+            if np.abs(one).max(initial=0) < _STILL:
+                raise ValueError(
+                    f"{name}: its {len(one)} shapes move the face by less than {_STILL} mm where "
+                    "both rigs have it; are they shapes of a face, and its lengths millimetres?"
+                )
 
     def __repr__(self):
         return (
@@ -306,6 +317,26 @@ def _rank(rig):
     """What makes one of two rigs the template: the same whichever is named first."""
     mesh, size = rig.neutral, float(np.abs(rig.deltas).sum())
     return len(mesh.landmarks), mesh.n_vertices, rig.names, size
+
+
+def _refuse_turned(one, other):
+    """Shapes go from head to head as they stand, so both have to stand alike."""
+    names = [n for n in one.landmarks if n in other.landmarks]
+    if len(names) < 4:
+        return  # the same triangles, or too few for what follows, which says so
+    ends = [m.vertices[[m.landmarks[n] for n in names]] for m in (one, other)]
+    try:
+        turn = Rotation.from_matrix(procrustes(*ends, scale=True).rotation)
+    except ValueError:  # landmarks on one line
+        return
+    if turn.magnitude() > _TURNED:
+        x, y, z = turn.as_rotvec() / turn.magnitude()
+        raise ValueError(
+            f"the head of other is turned by {np.degrees(turn.magnitude()):.0f} degrees against "
+            f"that of rig, about ({x:.1f}, {y:.1f}, {z:.1f}): their files count up and forward "
+            "otherwise, or the landmarks of one stand in another order or on the other side. Turn "
+            "one of them, or mend them; x is to the person's left, y up, z forward."
+        )
 
 
 def _with_places(rig):

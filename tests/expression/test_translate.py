@@ -203,6 +203,23 @@ def test_what_is_no_rig_or_take_is_refused(rig):
         pair.map_of("nod")
 
 
+def test_heads_that_stand_otherwise_are_refused(actors):
+    rig, other = actors
+    turn = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]).T  # z up
+    mesh = TriangleMesh(other.neutral.vertices @ turn, other.neutral.faces, other.neutral.landmarks)
+    lying = BlendshapeRig(mesh, other.names, other.deltas @ turn)
+    with pytest.raises(ValueError, match=r"other is turned by (8\d|9\d) degrees .* about \(1\.0, "):
+        Translator(rig, lying)
+
+
+@pytest.mark.parametrize("still", ["rig", "other"])
+def test_a_rig_whose_shapes_move_nothing_is_refused(rig, still):
+    pair = {"rig": rig, "other": rig.renamed({"a": "A"})}
+    pair[still] = BlendshapeRig(rig.neutral, rig.names, 1e-3 * rig.deltas)
+    with pytest.raises(ValueError, match=f"{still}: its 6 shapes move the face by less than"):
+        Translator(**pair)
+
+
 def test_the_examples_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for module in (sys.modules[Translator.__module__], landmarks):
