@@ -159,7 +159,9 @@ class Lesson:
     def say(self, text):
         """Print sentences with lines that end between words, however narrow the page."""
         for line in str(text).splitlines():
-            print(fill(line, _PAGE, break_long_words=False, break_on_hyphens=False))
+            inner = "  " if line.startswith("- ") else ""
+            print(fill(line, _PAGE, subsequent_indent=inner, break_long_words=False,
+                       break_on_hyphens=False))  # fmt: skip
 
     def bar(self, items, words):
         """The items one by one under a bar that says what is done; for what takes seconds."""

@@ -65,5 +65,6 @@ def test_what_a_lesson_says_breaks_between_words_and_keeps_its_own_lines(capsys)
     said = "a sketch of 6,705 vertices, where the rig has 6,706; " * 5
     Lesson("capture").say(f"- {said}\nrig-of-one")
     lines = capsys.readouterr().out.splitlines()
-    assert max(map(len, lines)) <= 92 and " ".join(lines[:-1]) == f"- {said}".rstrip()
+    assert max(map(len, lines)) <= 92 and lines[1].startswith("  ")
+    assert " ".join(line.strip() for line in lines[:-1]) == f"- {said}".rstrip()
     assert lines[-1] == "rig-of-one"
