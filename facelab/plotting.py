@@ -4,6 +4,7 @@ from itertools import cycle
 
 import matplotlib.pyplot as plt
 import numpy as np
+import scipy.sparse as sp
 from matplotlib.colors import to_rgb
 from matplotlib.ticker import NullLocator
 
@@ -129,13 +130,14 @@ def _show(ax, parts, axes, shade):
     size = np.array([width, height]) / (high - low)
     corners = (at[faces, :2] - [low[0], high[1]]) * size * [1, -1]
     face, weights = rasterise(corners, at[faces, 2], width, height)
-    seen, weights = face >= 0, weights[face >= 0][:, None]
-    own = faces[face[seen]]
-    color, N, gloss = ((weights @ x[own])[:, 0] for x in (paint, normals, gloss[:, None]))
-    N /= np.maximum(np.linalg.norm(N, axis=1, keepdims=True), 1e-9)
+    seen, weights = face >= 0, weights[face >= 0]
+    ends = np.arange(0, weights.size + 1, 3)
+    own = sp.csr_array((weights.ravel(), faces[face[seen]].ravel(), ends), (len(weights), len(at)))
+    color, N, gloss = own @ paint, own @ normals, own @ gloss
+    N /= np.maximum(np.sqrt(np.einsum("nk,nk->n", N, N)), 1e-9)[:, None]
     behind = N[:, 2] < 0  # the inside, seen through an opening
     if shade:
-        color = shaded(color, np.where(behind[:, None], -N, N), gloss[:, 0])
+        color = shaded(color, np.where(behind[:, None], -N, N), gloss)
     color[behind] *= 0.35
     image = np.zeros((height, width, 4))
     image[seen] = np.c_[color, np.ones(len(color))]
@@ -154,10 +156,10 @@ def _paint(colors, n):
 def _halved(image):
     """An image of half the size, colours weighted by how opaque they are."""
     image = np.pad(image, [(0, image.shape[0] % 2), (0, image.shape[1] % 2), (0, 0)])
-    quads = image.reshape(image.shape[0] // 2, 2, -1, 2, 4)
-    opaque = quads[..., 3:].sum(axis=(1, 3))
-    color = (quads[..., :3] * quads[..., 3:]).sum(axis=(1, 3)) / np.maximum(opaque, 1e-9)
-    return np.concatenate([color, opaque / 4], axis=2)
+    image[..., :3] *= image[..., 3:]
+    rows = image[::2] + image[1::2]
+    sums = rows[:, ::2] + rows[:, 1::2]
+    return np.concatenate([sums[..., :3] / np.maximum(sums[..., 3:], 1e-9), sums[..., 3:] / 4], 2)
 
 
 def heat_colors(values, limit, cmap="YlGnBu"):

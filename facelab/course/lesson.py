@@ -2,6 +2,7 @@
 
 from importlib import import_module
 from pathlib import Path
+from textwrap import fill
 
 from tqdm.auto import tqdm
 
@@ -12,6 +13,8 @@ LESSONS = tuple(
         if path.stem != "__init__"
     )
 )
+
+_PAGE = 92  # letters in a line, which the page of a small screen holds
 
 
 class BadSetting(ValueError):
@@ -116,7 +119,7 @@ class Lesson:
                 found = f" (found {here})" if here else ""
                 raise AssertionError(f"{words}: not so on the reference settings{found}.")
             if here:
-                print(f"{words}: {here}")
+                self.say(f"{words}: {here}")
             return
         told = []
         if here:
@@ -126,7 +129,7 @@ class Lesson:
             )
         if not (holds and here):
             told.append(f"{'Still so' if holds else 'Not so'} here: {words}.")
-        print(*told)
+        self.say(" ".join(told))
 
     def _holds(self, holds):
         if not callable(holds):
@@ -151,7 +154,14 @@ class Lesson:
         """
         verdict = self.exercises[number].judge(answer, **given)
         self.verdicts[number] = verdict
-        print(f"Exercise {number}: {verdict.words}")
+        self.say(f"Exercise {number}: {verdict.words}")
+
+    def say(self, text):
+        """Print sentences with lines that end between words, however narrow the page."""
+        for line in str(text).splitlines():
+            inner = "  " if line.startswith("- ") else ""
+            print(fill(line, _PAGE, subsequent_indent=inner, break_long_words=False,
+                       break_on_hyphens=False))  # fmt: skip
 
     def bar(self, items, words):
         """The items one by one under a bar that says what is done; for what takes seconds."""

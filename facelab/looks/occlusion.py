@@ -73,13 +73,16 @@ def _looked_at(mesh):
         scale = _PIXELS / (high - low).max()
         spot = (at[:, :2] - low) * scale
         size = np.ceil(spot.max(axis=0)).astype(int) + 1
-        face, weights = rasterise(spot[mesh.faces], at[mesh.faces, 2], *size)
-        nearest = np.where(face >= 0, (weights * at[mesh.faces[face], 2]).sum(axis=2), -np.inf)
+        depth = at[mesh.faces, 2]
+        face, weights = rasterise(spot[mesh.faces], depth, *size)
         light = np.clip(N @ ahead, 0, None)
         x, y = spot.astype(int).T
+        face = face[y, x]
+        nearest = np.einsum("nc,nc->n", weights[y, x], depth[face])
+        nearest[face < 0] = -np.inf
         # seen aslant, a pixel spans more depth
         bias = _BIAS / scale / np.maximum(light, 0.25)
-        seen += light * (at[:, 2] > nearest[y, x] - bias)
+        seen += light * (at[:, 2] > nearest - bias)
         all_light += light
     return seen / np.maximum(all_light, 1e-9)
 

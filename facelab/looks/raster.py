@@ -31,52 +31,63 @@ def rasterise(corners, depth, width, height):
     >>> face.tolist()
     [[0, 0, 0, 0], [0, 0, 0, -1]]
     """
-    low = np.maximum(np.ceil(corners.min(axis=1) - 0.5), 0).astype(int)
-    high = np.minimum(np.floor(corners.max(axis=1) - 0.5), [width - 1, height - 1]).astype(int)
-    shares = _shares(corners)
+    x_of, y_of = (np.ascontiguousarray(corners[..., k].T, dtype=float) for k in (0, 1))
+    left, right = _covered(x_of, width)
+    top, bottom = _covered(y_of, height)
+    shares = _shares(x_of, y_of)
     # depth too is linear over a triangle
-    z_of = np.einsum("fck,fc->fk", shares, depth)
-    across = np.maximum(high - low + 1, 0)
-    count = across.prod(axis=1)
-    count[~np.isfinite(z_of).all(axis=1)] = 0
+    depth = np.asarray(depth).T[:, None]
+    z_of = shares[0] * depth[0] + shares[1] * depth[1] + shares[2] * depth[2]
+    across = np.maximum(right - left + 1, 0)
+    count = across * np.maximum(bottom - top + 1, 0)
+    count[~np.isfinite(z_of).all(axis=0)] = 0
     best = np.full(width * height, -np.inf)
     face = np.full(width * height, -1)
     ends = np.cumsum(count)
     for some in np.split(np.arange(len(count)), np.flatnonzero(np.diff(ends // _CHUNK)) + 1):
         n = count[some]
         own = np.repeat(some, n)
-        y, x = np.divmod(np.arange(len(own)) - np.repeat(np.cumsum(n) - n, n), across[own, 0])
-        x, y = x + low[own, 0], y + low[own, 1]
-        u, v, w = (k[own, 0] + k[own, 1] * x + k[own, 2] * y for k in np.moveaxis(shares, 1, 0))
-        inside = np.flatnonzero((u >= _EDGE) & (v >= _EDGE) & (w >= _EDGE))
-        own, x, y = own[inside], x[inside], y[inside]
-        z, pixel = (
-            (z_of[own] * np.stack([np.ones(len(x)), x, y], axis=1)).sum(axis=1),
-            y * width + x,
-        )
+        y, x = np.divmod(np.arange(len(own)) - np.repeat(np.cumsum(n) - n, n), across[own])
+        x, y = x + left[own], y + top[own]
+        for share in shares:
+            inside = np.flatnonzero(_at(share, own, x, y) >= _EDGE)
+            own, x, y = own[inside], x[inside], y[inside]
+        z, pixel = _at(z_of, own, x, y), y * width + x
         np.maximum.at(best, pixel, z)
         won = z == best[pixel]
         face[pixel[won]] = own[won]
     seen = np.flatnonzero(face >= 0)
     weights = np.zeros((width * height, 3))
-    at = np.stack([np.ones(len(seen)), seen % width, seen // width], axis=1)
-    weights[seen] = np.einsum("nck,nk->nc", shares[face[seen]], at)
+    y, x = np.divmod(seen, width)
+    for corner, share in enumerate(shares):
+        weights[seen, corner] = _at(share, face[seen], x, y)
     return face.reshape(height, width), weights.reshape(height, width, 3)
 
 
-def _shares(corners):
-    """Barycentric shares as k0 + k1 x + k2 y of a pixel's indices: (n_faces, 3 corners, 3)."""
-    a, b, c = np.moveaxis(corners.astype(float), 1, 0)
-    area = _cross(b - a, c - a)
+def _covered(at, size):
+    """The first and the last pixel of each triangle, from its corners (3, n_faces)."""
+    low = np.minimum(np.minimum(at[0], at[1]), at[2])
+    high = np.maximum(np.maximum(at[0], at[1]), at[2])
+    first, last = np.ceil(low - 0.5), np.floor(high - 0.5)
+    return np.maximum(first, 0).astype(int), np.minimum(last, size - 1).astype(int)
+
+
+def _at(linear, own, x, y):
+    """What is linear over each triangle, (3, n_faces), at pixels x and y of the triangles own."""
+    return linear[0][own] + linear[1][own] * x + linear[2][own] * y
+
+
+def _shares(x, y):
+    """Barycentric shares as k0 + k1 x + k2 y of a pixel's indices: three of (3, n_faces).
+
+    Takes the corners' places, both (3, n_faces).
+    """
+    area = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0])
+    area = np.where(np.abs(area) < 1e-12, np.nan, area)
     found = []
-    for p, q in ((b, c), (c, a), (a, b)):
-        d = q - p
+    for p, q in ((1, 2), (2, 0), (0, 1)):
+        dx, dy = x[q] - x[p], y[q] - y[p]
         # cross(d, (x + 1/2, y + 1/2) - p)
-        start = d[:, 0] * (0.5 - p[:, 1]) - d[:, 1] * (0.5 - p[:, 0])
-        found.append(np.stack([start, -d[:, 1], d[:, 0]], axis=1))
-    flat = np.abs(area) < 1e-12
-    return np.stack(found, axis=1) / np.where(flat, np.nan, area)[:, None, None]
-
-
-def _cross(p, q):
-    return p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]
+        start = dx * (0.5 - y[p]) - dy * (0.5 - x[p])
+        found.append(np.stack([start, -dy, dx]) / area)
+    return found

@@ -1,10 +1,14 @@
 """A registration where the truth is known: place, head pose, hidden markers."""
 
+from functools import partial
+
 import numpy as np
 
 from facelab.geometry import procrustes, rigid_motion
+from facelab.models.evaluation import rms_error
 from facelab.registration import fit_markers, register_sequence
 from facelab.studies.few_markers import rms, thinned_fit
+from facelab.studies.kept import kept
 
 
 def misplaced(actor, V):
@@ -77,8 +81,22 @@ def head_errors(actor, take):
     """Error of each way in every frame of a take: dict of way to degrees and mm.
 
     Where a way puts its origin is its own choice: that constant is read off the first frames, at
-    rest.
+    rest. Kept in the cache.
     """
+    found = kept(
+        "registration_trials.head_errors",
+        [*_told_by(actor), take],
+        lambda: _head_errors(actor, take),
+    )
+    return {way: tuple(errors) for way, errors in found.items()}
+
+
+def _told_by(actor):
+    """What says which actor, capture and fit this is."""
+    return actor.capture.seal, actor.fit.mesh.vertices, actor.fit.rest, actor.fit.preset
+
+
+def _head_errors(actor, take):
     truth, points = actor.capture.truth(take), actor.capture.neutral.vertices[actor.samples]
     room = points @ np.swapaxes(truth.rotation, 1, 2) + truth.translation[:, None]
     found = {}
@@ -88,12 +106,33 @@ def head_errors(actor, take):
         t = head.rotation @ link.translation + head.translation
         cosine = (np.einsum("fij,fij->f", R, truth.rotation) - 1) / 2
         degrees = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-        found[way] = degrees, np.linalg.norm(t - truth.translation, axis=1)
+        found[way] = np.stack([degrees, np.linalg.norm(t - truth.translation, axis=1)])
     return found
+
+
+def met(actor, takes):
+    """Registered takes against the skin itself: frames, error and motion, both mm RMS.
+
+    Parameters
+    ----------
+    actor : RegisteredActor
+    takes : str or sequence of str
+        As `RegisteredActor.motion` takes them. What is found is kept in the cache.
+    """
+
+    def judged():
+        found, true = (m.displacements() for m in (actor.motion(takes), actor.truth(takes)))
+        return {"mm": [rms_error(true, found), rms_error(true, 0 * true)], "frames": len(found)}
+
+    names = actor.names(takes)
+    stored = kept("registration_trials.met", [*_told_by(actor), actor.fps, names], judged)
+    return int(stored["frames"]), *stored["mm"].tolist()
 
 
 def hidden_cost(actor, take, shares, n_frames=240, every=8):
     """Error of the covered skin with a share of the markers hidden, mm RMS: list of float.
+
+    Kept in the cache, share by share.
 
     Parameters
     ----------
@@ -104,21 +143,43 @@ def hidden_cost(actor, take, shares, n_frames=240, every=8):
     n_frames, every : int
         So many first frames, one in so many judged.
     """
-    given, frames = actor.capture.markers(take)[:n_frames], slice(0, n_frames, every)
-    runs = (register_sequence(actor.fit, given.with_gaps(s, random_state=0)) for s in shares)
-    return [float(rms(actor.errors(run, take, frames)[:, actor.covered])) for run in runs]
+
+    def cost(share):
+        given = actor.capture.markers(take)[:n_frames].with_gaps(share, random_state=0)
+        return {"mm": _covered_error(actor, actor.fit, given, take, every)}
+
+    of = (*_told_by(actor), take, n_frames, every)
+    study = "registration_trials.hidden_cost"
+    return [float(kept(study, [*of, float(s)], partial(cost, s))["mm"]) for s in shares]
 
 
 def thinned_cost(actor, take, counts, n_frames=120, every=8):
     """Error of the covered skin with fewer markers: rows of (count, warp, prior), mm RMS.
 
-    The prior knows of no other face: only that both sides of a face mostly do the same.
+    The prior knows of no other face: only that both sides of a face mostly do the same. Kept in
+    the cache, count by count.
     """
-    given, frames = actor.capture.markers(take)[:n_frames], slice(0, n_frames, every)
-    rows = []
-    for count in counts:
-        fit = thinned_fit(actor.fit, min(count, len(actor.fit.names)))
-        runs = [register_sequence(f, given) for f in (fit, fit.with_prior())]
-        mm = [float(rms(actor.errors(run, take, frames)[:, actor.covered])) for run in runs]
-        rows.append((len(fit.names), *mm))
-    return rows
+
+    def cost(count):
+        given = actor.capture.markers(take)[:n_frames]
+        fit = thinned_fit(actor.fit, count)
+        fits = fit, fit.with_prior()
+        return {"mm": [_covered_error(actor, f, given, take, every) for f in fits]}
+
+    of = (*_told_by(actor), take, n_frames, every)
+    study = "registration_trials.thinned_cost"
+    counts = [min(count, len(actor.fit.names)) for count in counts]
+    return [(n, *kept(study, [*of, n], partial(cost, n))["mm"].tolist()) for n in counts]
+
+
+def covered(actor):
+    """`actor.covered`, kept in the cache: skin near a marker, bool, shape (n_vertices,)."""
+    study = "registration_trials.covered"
+    return kept(study, _told_by(actor), lambda: {"skin": actor.covered})["skin"]
+
+
+def _covered_error(actor, fit, markers, take, every):
+    """Error of the covered skin in some frames of a take, mm RMS."""
+    registration = register_sequence(fit, markers)
+    errors = actor.errors(registration, take, slice(0, markers.n_frames, every))
+    return rms(errors[:, covered(actor)])

@@ -17,9 +17,13 @@ from facelab.geometry.alignment import procrustes
 from facelab.registration.confidence import free_edges
 from facelab.registration.fit import fit_markers, rest_markers
 from facelab.registration.sequence import register_sequence
+from facelab.studies.kept import kept
 
 LIMITS = (0.5, 1.0, 2.0)
 """Millimetres that are asked about."""
+
+PARTS = ("face", "lids", "lips")
+"""Of the skin: without lids and lips, around the one, and around the others."""
 
 _LIDS, _LIPS = 8.0, 11.0  # mm from the free edge that count as such
 _LANDMARKS = 12  # that are kept of few markers, since a fit starts from them
@@ -91,7 +95,7 @@ class Reliability:
 
 
 def skin_parts(mesh):
-    """Lids, lips, and the rest of the face: dict of str to bool masks, (n_vertices,)."""
+    """Which vertices are of each of `PARTS`: dict of str to ndarray of bool, (n_vertices,)."""
     near = []
     for edge, reach in zip(free_edges(mesh), (_LIDS, _LIPS), strict=True):
         far = np.full(mesh.n_vertices, np.inf)
@@ -99,7 +103,7 @@ def skin_parts(mesh):
             far = cKDTree(mesh.vertices[edge]).query(mesh.vertices)[0]
         near.append(far < reach)
     lids, lips = near
-    return {"face": ~lids & ~lips, "lids": lids, "lips": lips & ~lids}
+    return dict(zip(PARTS, (~lids & ~lips, lids, lips & ~lids), strict=True))
 
 
 def spread_markers(positions, names, landmarks, count):
@@ -146,10 +150,20 @@ def reliability(actor, takes=None, n_markers=None, hidden=0.0, size="small", eve
     Returns
     -------
     dict of str to Reliability
-        For "face", "lids" and "lips".
+        For "face", "lids" and "lips". Kept in the cache.
     """
-    hidden = check_number(hidden, "hidden", low=0, high=0.95)
+    hidden = float(check_number(hidden, "hidden", low=0, high=0.95))
     capture = load_capture(actor, size, progress=False)
+    takes = list(capture.texts if takes is None else takes)
+    found = kept(
+        "reliability.reliability",
+        [capture.seal, takes, n_markers, hidden, every],
+        lambda: _judged(capture, takes, n_markers, hidden, every),
+    )
+    return {part: Reliability(found[f"{part}.said"], found[f"{part}.found"]) for part in PARTS}
+
+
+def _judged(capture, takes, n_markers, hidden, every):
     template = load_template(capture.neutral.n_vertices)
     positions, names = rest_markers([capture.markers(t) for t in capture.texts])
     count = len(names) if n_markers is None else n_markers
@@ -158,7 +172,7 @@ def reliability(actor, takes=None, n_markers=None, hidden=0.0, size="small", eve
     turn = procrustes(capture.neutral.vertices, fit.mesh.vertices).rotation
     parts = skin_parts(fit.mesh)
     found = {part: [] for part in parts}
-    for take in capture.texts if takes is None else takes:
+    for take in takes:
         markers = capture.markers(take)
         markers = markers.select([n for n in markers.names if n in fit.names])
         if hidden:
@@ -171,7 +185,11 @@ def reliability(actor, takes=None, n_markers=None, hidden=0.0, size="small", eve
         error = np.sqrt(((moved - true) ** 2).sum(axis=2).mean(axis=0))
         for part, mask in parts.items():
             found[part].append(Reliability(registration.confidence[mask], error[mask]))
-    return {part: Reliability.joined(some) for part, some in found.items()}
+    arrays = {}
+    for part, some in found.items():
+        joined = Reliability.joined(some)
+        arrays |= {f"{part}.said": joined.said, f"{part}.found": joined.found}
+    return arrays
 
 
 def table(rows):

@@ -1,4 +1,4 @@
-"""A face whose action units follow alpha, λ and the roughness of the sketch, at once."""
+"""A face whose action units follow α, λ and the roughness of the sketch, at once."""
 
 import ipywidgets as widgets
 import numpy as np
@@ -54,7 +54,7 @@ class AlphaView(Page):
         self.view = FaceView(first.basis.rig.neutral, props, width, height)
         # far from touching: floats as they were given, so that keys are found again
         self.alpha = widgets.SelectionSlider(
-            options=[(f"{a:g}", i) for i, a in enumerate(first.alphas)], description="alpha"
+            options=[(f"{a:g}", i) for i, a in enumerate(first.alphas)], description="α"
         )
         self.lam = widgets.SelectionSlider(
             options=[(f"{v:g}", v) for v in lams], description="λ (mm)"
@@ -82,7 +82,7 @@ class AlphaView(Page):
 
     def _settings_in_words(self):
         alpha = self.fit.alphas[self.alpha.value]
-        settings = f"alpha {alpha:g}, λ {self.lam.value:g} mm, twists {self.twist.value:g} mm"
+        settings = f"α {alpha:g}, λ {self.lam.value:g} mm, twists {self.twist.value:g} mm"
         return (f"{settings}: {self.fit.rms[self.alpha.value]:.3f} mm from the sketch.",)
 
     @shows_errors

@@ -6,6 +6,7 @@ import numpy as np
 from facelab.data.registered import RegisteredActor
 from facelab.plotting import heat_colors
 from facelab.registration.sequence import register_sequence
+from facelab.studies.registration_trials import covered
 from facelab.widgets.page import Page, shows_errors
 from facelab.widgets.viewer import FaceView
 
@@ -48,6 +49,7 @@ class RegistrationView(Page):
         (self.take,) = actor.names([take])
         self.actor = actor
         self._given = actor.capture.markers(take)
+        self._covered = covered(actor)
         self.view = FaceView(actor.fit.mesh, None, width, height)
         wide = {"layout": {"width": f"{max(width - 120, 240)}px"}}
         self.missing = widgets.FloatSlider(
@@ -104,7 +106,7 @@ class RegistrationView(Page):
             self.view.show(self.registration.positions([frame])[0])
             error = self.actor.errors(self.registration, self.take, [frame])[0]
             self.view.paint(heat_colors(error, _LIMIT) if self.colored.value else None)
-            rms = np.sqrt((error[self.actor.covered] ** 2).mean())
+            rms = np.sqrt((error[self._covered] ** 2).mean())
             text += f"skin off by {rms:.2f} mm RMS where markers cover it"
         else:
             text += "this frame is lost, the face is an earlier one"

@@ -59,3 +59,12 @@ def test_a_value_that_may_not_be_is_refused_in_words(setting, value, words):
 def test_a_value_that_may_be_has_no_fault():
     assert Setting(0.7, within=(0, 1), unit="mm").fault(1) is None
     assert Setting((5, 9), within=(1, 20)).fault([7, 11, 15]) is None
+
+
+def test_what_a_lesson_says_breaks_between_words_and_keeps_its_own_lines(capsys):
+    said = "a sketch of 6,705 vertices, where the rig has 6,706; " * 5
+    Lesson("capture").say(f"- {said}\nrig-of-one")
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 92 and lines[1].startswith("  ")
+    assert " ".join(line.strip() for line in lines[:-1]) == f"- {said}".rstrip()
+    assert lines[-1] == "rig-of-one"

@@ -65,5 +65,5 @@ def test_where_it_does_not_run_a_notebook_has_the_face_as_the_sliders_stood(fits
     view.twist.value, view.alpha.value = 4.0, 2
     still, image, _ = shown(view, monkeypatch)
     rms = f"{fits[4.0, 0.01].rms[2]:.3f} mm"
-    assert f"alpha 2, λ 0.01 mm, twists 4 mm: {rms} from the sketch." in still
+    assert f"α 2, λ 0.01 mm, twists 4 mm: {rms} from the sketch." in still
     assert at_rest.shape == image.shape and not np.array_equal(at_rest, image)
