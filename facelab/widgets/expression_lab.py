@@ -184,10 +184,8 @@ class ExpressionLab(Lab):
     def _build_page(self):
         self._views = widgets.HBox([self.sketch_view.widget, self.view.widget])
         self._views.add_class("facelab-views-row")
-        above = [
-            *(self.source, self.frame, self.curve, self._sum),
-            row(self.undo, self.redo, self.best, self.free),
-        ]
+        curve = row(self.curve, self._sum)
+        above = [self.source, self.frame, row(self.undo, self.redo, self.best, self.free)]
         fit = self.lam, self.bounds, self.criterion, self.clamp, self.align
         out = "Saved beside the notebook: .csv, .livelink.csv, .json or .obj"
         panels = {
@@ -204,7 +202,7 @@ class ExpressionLab(Lab):
             **dict.fromkeys(("y", "Ctrl+y"), self.redo.click),
             "b": self.best.click,
         }
-        self._lay_out([self._views], above, panels, reactions, _KEYS)
+        self._lay_out([self._views, curve], above, panels, reactions, _KEYS)
         for control, react in (
             (self.bounds, self._choose),
             (self.criterion, self._choose),
