@@ -120,6 +120,26 @@ def test_a_page_too_busy_to_start_its_parts_in_time_still_hears_the_kernel(serve
         lab.close()
 
 
+# A page so busy that JupyterLab, which looks for a model ten times a second for two seconds, looks
+# but once: before any has come from the kernel.
+ONE_LOOK = """const timer = window.setTimeout;
+window.setTimeout = (act, delay, ...rest) => timer(act, delay === 100 ? 2100 : delay, ...rest);"""
+
+
+def test_a_page_too_busy_to_look_for_its_models_in_time_shows_them_after_all(server):
+    lab = Lab(server)
+    try:
+        cells = CELLS[0].replace("320", "200").replace("368", "230")
+        lab.open(write_notebook(lab.folder / "source" / "late.ipynb", [cells]))
+        lab.save()
+        lab.page.add_init_script(ONE_LOOK)
+        lab.load()
+        lab.page.wait_for_function("document.querySelector('.facelab-face')?.facelab")
+        assert lab.page.locator(".facelab-lab").count() == 1
+    finally:
+        lab.close()
+
+
 @pytest.mark.parametrize("theme", ["Light", "Dark"])
 def test_face_and_controls_of_both_labs_are_in_view_and_legible(living, theme):
     page = living.page
