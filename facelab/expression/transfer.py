@@ -13,6 +13,7 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from facelab.checks import as_finite, check_choice, check_count, check_number, check_type
+from facelab.expression.contact import Contact
 from facelab.expression.riding import Rider, closed, skin_of
 from facelab.expression.units import find_alignment, sketch_positions
 from facelab.geometry.alignment import procrustes
@@ -175,6 +176,9 @@ class IntermediateSpace:
         Fit the template to the target. If left out, only where its triangles are others.
     preset : str, default="close"
         Of the fit, see `facelab.registration.PRESETS`.
+    contact : bool, default=False
+        `to_target` holds lips and lids off each other, see `facelab.expression.contact.Contact`.
+        A frame in which they meet takes a tenth of a second then.
 
     Attributes
     ----------
@@ -201,16 +205,19 @@ class IntermediateSpace:
     True
     """
 
-    def __init__(self, source, target, method="transfer", register=None, preset="close"):
+    def __init__(
+        self, source, target, method="transfer", register=None, preset="close", contact=False
+    ):
         check_type(source, "source", BlendshapeRig, "of an actor, take actor_rig(...).linear()")
         check_type(target, "target", TriangleMesh, "give the neutral face as a mesh")
+        check_choice(contact, "contact", (True, False))
         check_face_size(source.neutral.vertices, "source")
         check_face_size(target.vertices, "target")
         alike = _alike(source.neutral, target)
         if register is False and not alike:
             raise ValueError("register=False, but target has other triangles; leave it out.")
         self.source, self.target, self.preset = source, target, preset
-        self.fit = None
+        self.contact, self.fit = contact, None
         if register or not alike:
             V, self.fit = _fitted(source.neutral, target, preset)
         neutral = source.neutral.with_vertices(V if self.fit else target.vertices)
@@ -238,6 +245,10 @@ class IntermediateSpace:
         """The template, riding on the target's own mesh."""
         target = self.target.with_vertices(self._to_head(self.target.vertices))
         return Rider(target, self.rig.neutral, fade=None)
+
+    @cached_property
+    def _contact(self):
+        return Contact(self.target.with_vertices(self._to_head(self.target.vertices)))
 
     @property
     def covered(self):
@@ -295,9 +306,10 @@ class IntermediateSpace:
             In the target's own frame, millimetres; exact for the neutral.
         """
         V = as_finite(vertices, "vertices", self.rig.neutral.vertices.shape)
-        if self.fit is None:
-            return V.copy()
-        return self.fit.alignment.inverse().apply(self._forth.carry(V))
+        own = V.copy() if self.fit is None else self._forth.carry(V)
+        if self.contact:
+            own = self._contact.off(own)
+        return self.fit.alignment.inverse().apply(own) if self.fit else own
 
     def bring_to_life(self, weights, unit_sequence=None, n_frames=30, fps=30):
         """A still expression as a motion from rest over its peak to rest.

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
+from facelab.geometry.crossings import cut
+
 REACH = 15.0
 """Skin within this distance of a marker counts as drawn to it, millimetres."""
 _LITTLE = 0.5  # of the template drawn to a scan; less is warned of
@@ -156,17 +158,8 @@ def crossings(mesh):
     pairs = _near_pairs((low + high) / 2, np.linalg.norm(high - low, axis=1) / 2)
     i, j = pairs.T
     pairs = pairs[((low[i] <= high[j]) & (low[j] <= high[i])).all(axis=1)]
-    shared = (F[pairs[:, 0], :, None] == F[pairs[:, 1], None, :]).sum(axis=(1, 2))
-    pairs = pairs[shared < 2]
-    cut = np.zeros(len(pairs), dtype=bool)
-    for one, two in (pairs.T, pairs.T[::-1]):
-        for k in range(3):
-            start, end = F[one, k], F[one, (k + 1) % 3]
-            # an edge that starts at a common corner can only touch
-            free = ~((F[two] == start[:, None]) | (F[two] == end[:, None])).any(axis=1)
-            s, e = mesh.vertices[start[free]], mesh.vertices[end[free]]
-            cut[free] |= _pierced(s, e, corners[two[free]])
-    return set(map(tuple, pairs[cut].tolist()))
+    found = cut(mesh.vertices, F[pairs[:, 0]], F[pairs[:, 1]])
+    return set(map(tuple, pairs[found].tolist()))
 
 
 def _near_pairs(centre, radius):
@@ -182,22 +175,6 @@ def _near_pairs(centre, radius):
     pairs = np.sort(np.vstack(pairs), axis=1)
     n = len(centre)
     return np.stack(np.divmod(np.unique(pairs[:, 0] * n + pairs[:, 1]), n), axis=1)
-
-
-def _pierced(start, end, triangles):
-    """Whether segments pass through the inside of triangles (Moeller and Trumbore 1997)."""
-    a = triangles[:, 0]
-    u, v, d = triangles[:, 1] - a, triangles[:, 2] - a, end - start
-    normal = np.cross(u, v)
-    slope = (normal * d).sum(axis=1)
-    safe = np.where(np.abs(slope) < 1e-12, 1.0, slope)
-    t = -(normal * (start - a)).sum(axis=1) / safe
-    hit = start + t[:, None] * d - a
-    area2 = np.maximum((normal**2).sum(axis=1), 1e-300)
-    beta = (np.cross(hit, v) * normal).sum(axis=1) / area2
-    gamma = (np.cross(u, hit) * normal).sum(axis=1) / area2
-    inside = (np.minimum(beta, gamma) > 1e-9) & (beta + gamma < 1 - 1e-9)
-    return inside & (np.abs(slope) > 1e-12) & (t > 1e-9) & (t < 1 - 1e-9)
 
 
 def near_markers(mesh, feet):
