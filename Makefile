@@ -115,7 +115,7 @@ test-browser: env data browser
 	wait $$first && exit $$second
 
 # What takes long, part by part.
-test-all: test-long test-bare
+test-all: test-long test-bare test-wire
 	@echo "facelab: make test-all passed"
 
 test-long: env data browser
