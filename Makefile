@@ -170,7 +170,8 @@ results: env data
 	$(BIN)/python -m facelab.studies.benchmark_table --out results
 	$(BIN)/python -m facelab.studies.figure5_captures --out results
 	$(BIN)/python -m facelab.studies.translation_table --out results
-	cp results/benchmark.md results/figure5.md results/translation.md docs/
+	$(BIN)/python -m facelab.studies.contact_table --out results
+	cp results/benchmark.md results/figure5.md results/translation.md results/contact.md docs/
 
 bench: env data browser
 	$(BIN)/python tests/benchmarks/run.py
