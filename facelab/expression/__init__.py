@@ -1,5 +1,6 @@
 """A rough sketch becomes action units, and goes to other faces (Yu and Liu 2014)."""
 
+from facelab.expression.contact import Contact
 from facelab.expression.landmarks import guess_landmarks
 from facelab.expression.reading import UnitReading, find_units
 from facelab.expression.regression import (
@@ -19,6 +20,7 @@ from facelab.expression.units import UnitBasis, find_alignment, prepare_units
 __all__ = [
     "CRITERIA",
     "METHODS",
+    "Contact",
     "ExpressionFit",
     "ExpressionSession",
     "IntermediateSpace",

@@ -177,7 +177,7 @@ class IntermediateSpace:
     preset : str, default="close"
         Of the fit, see `facelab.registration.PRESETS`.
     contact : bool, default=False
-        `to_target` holds lips and lids off each other, see `facelab.expression.contact.Contact`.
+        `to_target` holds lips and lids off each other, see `facelab.expression.Contact`.
         A frame in which they meet takes a tenth of a second then.
 
     Attributes
