@@ -178,7 +178,7 @@ def _of_parts(take, rig, kept):
     """Weights of the other parts that a take drives (teeth, tongue, lashes), by their names."""
     found = {}
     for name, part in rig.parts.items():
-        if isinstance(part, BlendshapeRig) and part.match(take).driven:
+        if hasattr(part, "match") and part.match(take).driven:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # a part has not all shapes, which need not be said
                 found[name] = part.rig_weights(take)[kept]
