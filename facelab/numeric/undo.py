@@ -7,12 +7,28 @@ logged and replayed follows.
 import functools
 import inspect
 import operator
+import threading
 import time
 import warnings
 import weakref
 from contextlib import contextmanager
 
 import numpy as np
+
+TURN = threading.RLock()
+"""Held while a history changes or a page answers: JupyterLab lets widgets call from threads of
+their own (subshells of the kernel), beside each other and beside the code of a cell."""
+
+
+def in_turn(method):
+    """Only one thread at a time is in such a method, of whatever object."""
+
+    @functools.wraps(method)
+    def waiting(*args, **kwargs):
+        with TURN:
+            return method(*args, **kwargs)
+
+    return waiting
 
 
 class History:
@@ -100,6 +116,7 @@ class History:
         """Steps that can be redone."""
         return len(self._future)
 
+    @in_turn
     def undo(self):
         """Go one step back; False if there is none. A drag under way is given up instead."""
         self._refuse_in_group()
@@ -115,6 +132,7 @@ class History:
             self.note("undo")
         return True
 
+    @in_turn
     def redo(self):
         """Go one undone step forward again; False if there is none."""
         self._refuse_in_group()
@@ -127,12 +145,14 @@ class History:
             self.note("redo")
         return True
 
+    @in_turn
     def cancel(self):
         """Give up the drag under way; all is as it was before."""
         if self.live is not None:
             self.live = None
             self.tell("move")
 
+    @in_turn
     def make(self, state):
         """Make a state the present one, by a step of its own or that of the group under way.
 
@@ -155,16 +175,17 @@ class History:
     @contextmanager
     def whole(self):
         """All that is done inside stays, or an error takes all of it back; told of at the end."""
-        before = vars(self).copy()
-        self._depth += 1
-        try:
-            yield
-        except BaseException:
-            vars(self).update(before)
-            raise
-        self._depth -= 1
-        if self.state is not before["state"] or self.aside != before["aside"]:
-            self.tell("step")
+        with TURN:
+            before = vars(self).copy()
+            self._depth += 1
+            try:
+                yield
+            except BaseException:
+                vars(self).update(before)
+                raise
+            self._depth -= 1
+            if self.state is not before["state"] or self.aside != before["aside"]:
+                self.tell("step")
 
     @contextmanager
     def group(self, key=None):
@@ -207,6 +228,7 @@ class History:
         if self._entries:
             self._acts, self._entries = (*self._acts, self._entries), ()
 
+    @in_turn
     def settle(self):
         """End the stroke: the next change makes a step of its own."""
         self._stroke = None
@@ -233,6 +255,7 @@ class History:
             log += act if len(act) == 1 else (first, *act, last)
         return log
 
+    @in_turn
     def note(self, do, over=None, **arguments):
         """Write into the log that something was done.
 

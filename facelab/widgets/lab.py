@@ -59,6 +59,7 @@ class Lab(Page):
         self._panel.add_class("facelab-side")
         self.widget.children = [stage, self._panel]
 
+    @shows_errors
     def _settle(self):
         self.session.settle()
 

@@ -15,6 +15,7 @@ import ipywidgets as widgets
 from IPython.display import HTML, display
 from markupsafe import Markup
 
+from facelab.numeric.undo import in_turn
 from facelab.widgets.thumbnail import captioned
 
 ASLEEP = "not running. Press Run (Shift and Enter)."
@@ -45,10 +46,12 @@ def markup(template, /, *texts, **named):
 def shows_errors(method):
     """Pass what a callback raises on to the `fail` of its page: else nobody would see it.
 
+    Callbacks of all pages come one after the other, whatever thread calls them.
     Its `step_made` tells whether the state of the page's session, if it has one, is another now.
     """
 
     @functools.wraps(method)
+    @in_turn
     def guarded(self, *args, **kwargs):
         session = getattr(self, "session", None)
         before = getattr(session, "state", None)

@@ -1,6 +1,7 @@
 """The one undo: of a counter here, so that nothing but steps is looked at."""
 
 import operator
+import threading
 
 import pytest
 
@@ -210,3 +211,21 @@ def test_an_edit_says_how_its_arguments_are_written_and_read():
     assert all(
         edit_named(Counter, name) is None for name in ("bid", "history", "undo", "__init__", "x")
     )
+
+
+def test_a_second_thread_waits_for_the_step_under_way():
+    counter, begun = Counter(), threading.Event()
+
+    def settle():
+        begun.wait(5)
+        counter.history.settle()
+
+    other = threading.Thread(target=settle)
+    other.start()
+    with counter.history.group("stroke"):
+        begun.set()
+        other.join(0.2)
+        assert other.is_alive(), "it came between"
+        counter.history.make(2)
+    other.join(5)
+    assert counter.history.n_undo == 1 and counter.history.state == 2
