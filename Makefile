@@ -33,7 +33,7 @@ help:
 	@echo "make lab        set up all, open the lab in JupyterLab"
 	@echo "make app        only the posing lab, as a page of its own"
 	@echo "make test       set up all, run every test: unit, notebooks, the lab in a real browser"
-	@echo "make test-all   what takes long beside it: the wheel, and a machine without data or network"
+	@echo "make test-all   what takes long beside it: other settings, slow wires, no data or network"
 	@echo "make test-wire  every length of pull over slow wires, a quarter of an hour"
 	@echo "make env        only the environment, in .venv"
 	@echo "make data       only the data (real faces are downloaded once, synthetic ones made)"

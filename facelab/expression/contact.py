@@ -33,9 +33,7 @@ _TRIES, _WIDE = 4, 1.0  # each without what folded; mm around it, more with each
 class Contact:
     """Holds lips and lids off each other.
 
-    Most crossings go, not all: docs/contact.md counts them. What stays lies in the corners of
-    the mouth, and where they are deep in each other, parting them opens the lips between a little.
-    A pose in which they meet takes a tenth of a second or more.
+    Most crossings go, not all; docs/contact.md counts them, and has millimetres and seconds.
 
     What the face itself has at rest stays allowed: where its lips overlap by a millimetre, as those
     of many heads do so that no light comes through, they may overlap by that wherever they meet.

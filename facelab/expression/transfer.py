@@ -178,7 +178,7 @@ class IntermediateSpace:
         Of the fit, see `facelab.registration.PRESETS`.
     contact : bool, default=False
         `to_target` holds lips and lids off each other, see `facelab.expression.Contact`.
-        A frame in which they meet takes a tenth of a second then.
+        How long that takes stands in docs/contact.md.
 
     Attributes
     ----------

@@ -64,10 +64,8 @@ class GltfEdit:
             count = self._json["accessors"][primitive["attributes"]["POSITION"]]["count"]
             begin = self._part.start.get(i)
             if (begin, count) not in added:  # primitives may share their vertices
-                own = np.zeros(
-                    (count, 3), "<f4"
-                )  # lines and points are no vertices here: they stay
-                if begin is not None:
+                own = np.zeros((count, 3), "<f4")
+                if begin is not None:  # lines and points are no vertices here: they stay
                     own[:] = moved[begin : begin + count]
                 added[begin, count] = self._target(own)
             primitive.setdefault("targets", []).append({"POSITION": added[begin, count]})

@@ -16,6 +16,7 @@ from facelab.expression.transfer import IntermediateSpace
 from facelab.storage import atomic_path, check_writable
 from facelab.studies.benchmark_table import markdown_table
 from facelab.studies.generalisation import write_csv
+from facelab.studies.translation_table import at_hand
 
 FRAMES = 12
 """Of takes, and as many mixtures, for each pair of faces."""
@@ -74,17 +75,8 @@ def weights_of(rig, takes, n_frames=FRAMES, random_state=0):
 
 def all_pairs():
     """Rows of every pair of which the faces are here, and what was left out: two lists."""
-    rows, without = [], []
-
-    def here(what, load):
-        try:
-            return load()
-        except data.DataUnavailable:
-            without.append(what)
-
-    face = here("the generic face", data.load_ict_facekit)
-    aura = here("Aura", lambda: (data.load_aura(), data.load_aura_take()))
-    takes = here("the recorded takes", lambda: [data.load_take(n) for n in data.TAKES]) or []
+    rows, (face, aura, takes, without) = [], at_hand()
+    takes = list((takes or {}).values())
     actors = {n: data.load_capture(n, "small").rig.linear() for n in data.ACTORS}
     pairs = [("M1", actors["M1"], [], "F1", actors["F1"].neutral)]
     if face:
@@ -129,7 +121,7 @@ takes and {FRAMES} random mixtures of shapes are carried to another face by `Int
 without and with `contact=True`. *Crossings* are pairs of triangles of the two lips, or of the two
 lids of an eye, that cut through each other and do not at rest, *folds* such pairs within one lip or
 lid; both are summed over all faces. *Pushed* is the mean over the skin that moves by more than
-{_STILL:g} mm. What is left lies in the corners of the mouth, where every push folds the crease."""
+{_STILL:g} mm."""
 
 
 def main(arguments=None):

@@ -88,9 +88,18 @@ def errors(about, pair, takes, names, fps=FPS):
     return rows
 
 
-def all_pairs():
-    """Rows of every pair of which the rigs and takes are here, and what was left out: two lists."""
-    rows, without = [], []
+def at_hand():
+    """The generic face, Aura with its animation, and the recorded takes, where they are here.
+
+    Returns
+    -------
+    face : BlendshapeRig or None
+    aura : (BlendshapeRig, WeightSequence) or None
+    takes : dict of str to WeightSequence or None
+    without : list of str
+        What is not here, in words.
+    """
+    without = []
 
     def here(what, load):
         try:
@@ -101,6 +110,12 @@ def all_pairs():
     face = here("the generic face", data.load_ict_facekit)
     aura = here("Aura", lambda: (data.load_aura(), data.load_aura_take()))
     takes = here("the recorded takes", lambda: {n: data.load_take(n) for n in data.TAKES})
+    return face, aura, takes, without
+
+
+def all_pairs():
+    """Rows of every pair of which the rigs and takes are here, and what was left out: two lists."""
+    rows, (face, aura, takes, without) = [], at_hand()
     if face and aura:
         there, back = both_ways(aura[0], face)
         about = dict(rig="Aura", other="generic face")
