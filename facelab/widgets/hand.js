@@ -4,6 +4,7 @@
 const EVERY = 125; // ms: with a press and a release, at most ten messages a second
 const NEAR = 12; // pixels: a pin this near to the mouse is what it takes
 const RIM = 3; // mm: a mouse this near to a lid or lip, but in the opening, is on its rim
+const AVERTED = 0.2; // of a normal: skin in a crease, as the corner of a mouth, looks away so far
 const STILL = 0.6; // mm: a hand that only clicks moves less
 const REST = 400; // ms: a pointer that has rested on the face turns its wheel there
 const STEP = 0.5; // mm an arrow key moves a pin
@@ -322,7 +323,8 @@ class Hand {
   }
 
   seen(vertex, lens) {
-    return dot(row(this.skin.N, vertex), add(lens.eye, row(this.skin.X, vertex), -1)) > 0;
+    const away = add(lens.eye, row(this.skin.X, vertex), -1);
+    return dot(row(this.skin.N, vertex), away) > -AVERTED * Math.hypot(...away);
   }
 
   nameOf(vertex) {
