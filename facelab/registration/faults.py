@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from facelab.geometry.alignment import rigid_motion
+from facelab.numeric.quantiles import nan_quantile
 from facelab.registration.layout import MarkerLayout
 
 _LEAST = 5.0  # mm; no jump is smaller: more than noise makes in one frame, or a blink
@@ -156,15 +157,15 @@ class StrayJudge:
         steps, places = np.concatenate(steps), np.concatenate(places)
         known = np.isfinite(steps).any(axis=0)
         usual = np.zeros(n_markers)
-        usual[known] = np.nanquantile(steps[:, known], 0.9, axis=0)
+        usual[known] = nan_quantile(steps[:, known], 0.9)
         self.step = np.maximum.reduce([np.full(n_markers, _LEAST), 0.2 * gap, 6 * usual])
         self._centre = np.zeros((n_markers, 3))
         self._range = np.full(n_markers, 2.0)
         known = np.isfinite(places[..., 0]).any(axis=0)
         if known.any():
-            self._centre[known] = np.nanmedian(places[:, known], axis=0)
+            self._centre[known] = nan_quantile(places[:, known], 0.5)
             off = _size(places[:, known] - self._centre[known])
-            self._range[known] += np.nanquantile(off, 0.95, axis=0)
+            self._range[known] += nan_quantile(off, 0.95)
 
     @property
     def margin(self):

@@ -23,6 +23,7 @@ from facelab.geometry.alignment import Alignment, procrustes, rigid_motion
 from facelab.geometry.closest import closest_points
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MarkerSequence
+from facelab.numeric.quantiles import nan_quantile
 from facelab.registration.landmarks import DOUBTED, check_landmarks, judge
 from facelab.registration.layout import MarkerLayout
 from facelab.registration.prior import Prior, PriorLayout, made_prior
@@ -249,7 +250,7 @@ def rest_markers(takes, seconds=0.05):
         home = motion.to_head(frames)
         seen = np.isfinite(home[..., 0]).any(axis=0)
         reference = np.full(reference.shape, np.nan)
-        reference[seen] = np.nanmedian(home[:, seen], axis=0)
+        reference[seen] = nan_quantile(home[:, seen], 0.5)
     return reference, names
 
 

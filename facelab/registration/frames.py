@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from facelab.geometry.alignment import check_like, procrustes, rigid_motion, rigid_weights
+from facelab.numeric.quantiles import nan_quantile
 
 REASONS = (
     "",
@@ -101,7 +102,7 @@ class FrameJudge:
         """The distance below which each marker is in so many frames; a face's if never seen."""
         known = np.isfinite(off).any(axis=0)
         most = np.full(off.shape[1], self.radius)
-        most[known] = np.nanquantile(off[:, known], share, axis=0)
+        most[known] = nan_quantile(off[:, known], share)
         return most
 
     def _choose_pairs(self, weights, most=150):
