@@ -1,7 +1,7 @@
 """From a step of the alpha slider to the new face having arrived in the page, in Chromium.
 
 The canvases are small, so that software rendering does not decide the result: what is measured is
-kernel, server and wire. Beside it, in the same run: what the session itself needs for such a step,
+kernel, server and wire. Beside it, in the same run: what the kernel needs for such a step,
 and how long a bare slider needs that changes a word in the page and does nothing else.
 """
 
@@ -57,7 +57,7 @@ for place in range(30, 70):
 
 
 def measure(area, no_delay, n_moves=60):
-    """Milliseconds to the face, to a bare word, and of the session alone; bytes of a step."""
+    """Milliseconds to the face, to a bare word, and of the kernel alone; bytes of a step."""
     with tempfile.TemporaryDirectory() as folder:
         lab = Lab(Server(folder, no_delay))
         try:
@@ -116,7 +116,7 @@ def main():
                 f"{np.percentile(faces, 95):.1f} ms (95 %, {len(faces)} steps), "
                 f"{size / 1e3:.0f} kB; a bare word after {np.median(words):.1f} ms "
                 f"({len(words)} steps), so the lab adds {np.median(faces) - np.median(words):.1f}; "
-                f"the session alone {took:.1f} ms",
+                f"the kernel alone, lab and all, {took:.1f} ms",
                 flush=True,
             )
 

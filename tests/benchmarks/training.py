@@ -140,7 +140,9 @@ def main():
                 ]
                 text = "; ".join(f"{n} frames {s:.1f} s {mb:.0f} MB" for n, s, mb in rows)
                 what = "13 regions in blocks" if kind == "blocks" else "scikit-learn's PCA"
-                growth = rows[1][2] / rows[0][2]
+                growth = rows[1][2] / max(
+                    rows[0][2], 1.0
+                )  # what fits into the room of imports is 0
                 print(f"{n_vertices:4} vertices, {what}: {text}: x {growth:.2f}", flush=True)
 
 
