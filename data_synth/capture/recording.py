@@ -1,6 +1,7 @@
 """The takes of an actor, recorded: performed, seen by the cameras, written to files."""
 
 import json
+from contextlib import closing
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from data_synth.performance import (
 from data_synth.units import UNITS
 from facelab.files.markers.c3d_write import write_c3d
 from facelab.motion import MarkerSequence
+from facelab.numeric.threads import side_by_side
 from facelab.storage import save_npz
 
 VERSION = 2
@@ -122,10 +124,10 @@ def record(folder, actor, size, random_state, rig, progress):
         "site_names": sites.names, "site_faces": sites.faces, "site_weights": sites.weights,
         "noise": markers.noise,
     }  # fmt: skip
-    about = {}
-    bar = tqdm(takes.items(), desc=f"{actor}: capture", unit="take", disable=not progress)
-    for number, (name, perform) in enumerate(bar):
-        performance = perform()
+
+    def recorded(numbered):
+        number, name = numbered
+        performance = takes[name]()
         W, fps = performance.weights.weights, performance.weights.fps
         rotation, translation = _pose(performance, random_state)
         clean, normals = true_markers(rig, sites, W, rotation, translation)
@@ -133,15 +135,19 @@ def record(folder, actor, size, random_state, rig, progress):
             clean, normals, sites, feet, markers, fps, [*seed, number]
         )
         write_c3d(folder / f"{name}.c3d", MarkerSequence(seen.astype(np.float32), names, fps))
-        about[name] = {
+        said = {
             "text": performance.text, "n_frames": len(W), "fps": fps, "swaps": swaps,
             "ghosts": ghosts,
         }  # fmt: skip
-        truth[f"{name}.weights"] = W.astype(np.float32)
-        truth[f"{name}.rotation"] = rotation
-        truth[f"{name}.translation"] = translation
-        for angle, values in performance.weights.angles.items():
-            truth[f"{name}.{angle}"] = values
+        true = {"weights": W.astype(np.float32), "rotation": rotation, "translation": translation}
+        return name, said, true | performance.weights.angles
+
+    about = {}
+    with closing(side_by_side(recorded, list(enumerate(takes)))) as found:
+        bar = tqdm(found, f"{actor}: capture", len(takes), unit="take", disable=not progress)
+        for name, said, true in bar:
+            about[name] = said
+            truth |= {f"{name}.{what}": values for what, values in true.items()}
     save_npz(folder / "truth.npz", "data_synth-truth", 1, **truth)
     about = {"n_markers": len(sites.names), "takes": about}
     (folder / "takes.json").write_text(json.dumps(about, indent=1))

@@ -4,6 +4,7 @@ The first call registers all takes of an actor and keeps the result; dense frame
 demand. Tena et al. 2011, section 4.1.
 """
 
+from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
@@ -16,6 +17,7 @@ from facelab.geometry.alignment import Alignment, procrustes
 from facelab.geometry.mesh import TriangleMesh
 from facelab.keeping import keep_arrays, source_stamp
 from facelab.motion import MotionSequence
+from facelab.numeric.threads import side_by_side
 from facelab.registration.fit import MarkerFit, fit_markers, rest_markers
 from facelab.registration.sequence import register_sequence
 from facelab.registration.warp import PRESETS
@@ -232,17 +234,21 @@ def _register_all(capture, step, progress):
         faces=fit.faces,
         weights=fit.weights,
     )
+
+    def registered(take):
+        registration = register_sequence(fit, take, progress=False)
+        frames = np.arange(0, take.n_frames, step)
+        frames = frames[registration.valid[frames]]
+        return frames, registration.positions(frames, samples)
+
     n_frames = sum(take.n_frames for take in takes.values())
-    with tqdm(
+    bar = tqdm(
         total=n_frames, desc=f"registering {capture.actor}", unit="frame", disable=not progress
-    ) as bar:
-        for name, take in takes.items():
-            registration = register_sequence(fit, take, progress=False)
-            frames = np.arange(0, take.n_frames, step)
-            frames = frames[registration.valid[frames]]
-            arrays[f"frames.{name}"] = frames
-            arrays[f"positions.{name}"] = registration.positions(frames, samples)
-            bar.update(take.n_frames)
+    )
+    with bar, closing(side_by_side(registered, list(takes.values()))) as found:
+        for name, (frames, positions) in zip(takes, found, strict=True):
+            arrays[f"frames.{name}"], arrays[f"positions.{name}"] = frames, positions
+            bar.update(takes[name].n_frames)
     return arrays
 
 
