@@ -88,7 +88,7 @@ lint: env
 
 # Two halves of about the same length, beside each other; a new room falls into the second.
 UNIT := $(BIN)/python -m pytest -m "not long"
-FIRST_HALF := $(wildcard tests/test_*.py) $(addprefix tests/,cli data models registration studies)
+FIRST_HALF := $(wildcard tests/test_*.py) $(addprefix tests/,cli data expression models registration studies)
 SECOND_HALF := $(filter-out $(FIRST_HALF) $(addprefix tests/,benchmarks browser fixtures \
 	notebooks __pycache__),$(patsubst %/,%,$(wildcard tests/*/)))
 

@@ -9,7 +9,7 @@ from facelab.data.markers import MARKERS, load_markers
 from facelab.data.takes import TAKES, load_take
 
 SOURCES = {
-    "generic face": lambda: [load_ict_facekit()],
+    "generic face": lambda: [load_ict_facekit(n_identities=20)],  # a person of them is fitted in 02
     "recorded takes": lambda: [load_take(name) for name in TAKES],
     "production head": lambda: [load_aura(), load_aura_take()],
     "optical capture": lambda: [load_markers(name) for name in MARKERS],

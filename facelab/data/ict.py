@@ -21,7 +21,8 @@ from facelab.keeping import cache_dir, keep_arrays
 from facelab.looks import face_props
 from facelab.rig import BlendshapeRig
 
-_VERSION = 1  # of what is parsed and kept
+_VERSION = 2  # of what is parsed and kept
+_CM_TO_MM = 10.0
 
 ICT_URL = "https://raw.githubusercontent.com/ICT-VGL/ICT-FaceKit/da5f95a/FaceXModel/"
 
@@ -58,7 +59,7 @@ def load_ict_facekit(root=None, area="narrow", n_identities=0):
     ----------
     root : str or Path, optional
         A clone of ICT-FaceKit; else the environment variable `FACELAB_ICT`, the cache, or a
-        download of the pinned files (150 MB).
+        download of the pinned files (190 MB).
     area : {"narrow", "face", "all"}
         Without ears and neck (6,706 vertices), with them (9,409), or with eyes, teeth and the
         inside of the mouth (26,719).
@@ -128,42 +129,51 @@ def _ict_arrays(folder, n_identities):
             return download(ICT_URL, name, checksums[name], cache_dir() / "ICT-FaceKit")
         return folder / name
 
-    return keep_arrays(
-        f"ict_{stamp}_{n_identities}", {"version": _VERSION}, lambda: _parsed(file, n_identities)
-    )
+    key = {"version": _VERSION}
+    arrays = keep_arrays(f"ict_{stamp}", key, lambda: _parsed(file))
+    people = {"identities": arrays["deltas"][:0]}
+    if n_identities:
+        names = [f"identity{i:03d}" for i in range(n_identities)]
+        people = keep_arrays(
+            f"ict_{stamp}_{n_identities}",
+            key,
+            lambda: {"identities": _shifts(file, names, arrays["neutral"])},
+        )
+    return arrays | people
 
 
-def _parsed(file, n_identities):
-    """The arrays from the files that `file` gives by name."""
+def _parsed(file):
+    """The arrays of neutral and expressions from the files that `file` gives by name."""
     try:
         index = json.loads(file("vertex_indices.json").read_text(encoding="utf-8"))
     except ValueError as error:
         raise ValueError(f"{file('vertex_indices.json')} is damaged ({error}).") from error
-    names = index["expressions"]
-    shapes = [*names, *(f"identity{i:03d}" for i in range(n_identities))]
-    cm_to_mm = 10.0
     mesh = read_obj(file("generic_neutral_mesh.obj"))
     if mesh.n_vertices != ICT_AREAS["all"][0]:
         raise ValueError(
             f"{file('generic_neutral_mesh.obj')} has {mesh.n_vertices} vertices, but ICT-FaceKit "
             f"has {ICT_AREAS['all'][0]}; clone the repository again."
         )
-    V = mesh.vertices * cm_to_mm
-    deltas = np.empty((len(shapes), len(V), 3), dtype=np.float32)
-    for k, name in enumerate(tqdm(shapes, desc="ICT-FaceKit", unit="shape")):
-        shape = read_obj_vertices(file(f"{name}.obj"))
-        if shape.shape != V.shape:
-            raise ValueError(f"{name}.obj has {len(shape)} vertices, the neutral {len(V)}.")
-        deltas[k] = shape * cm_to_mm - V
+    V = mesh.vertices * _CM_TO_MM
     return dict(
         neutral=V,
         faces=mesh.faces,
         polygon=_polygon_of_each_face(file("generic_neutral_mesh.obj")),
         landmarks=np.array(index["idx_to_landmark_verts"]),
-        names=np.array(names),
-        deltas=deltas[: len(names)],
-        identities=deltas[len(names) :],
+        names=np.array(index["expressions"]),
+        deltas=_shifts(file, index["expressions"], V),
     )
+
+
+def _shifts(file, names, V):
+    """Shapes of the files as displacements from the neutral, mm: float32, (n_shapes, n, 3)."""
+    shifts = np.empty((len(names), *V.shape), dtype=np.float32)
+    for k, name in enumerate(tqdm(names, desc="ICT-FaceKit", unit="shape")):
+        shape = read_obj_vertices(file(f"{name}.obj"))
+        if shape.shape != V.shape:
+            raise ValueError(f"{name}.obj has {len(shape)} vertices, the neutral {len(V)}.")
+        shifts[k] = shape * _CM_TO_MM - V
+    return shifts
 
 
 def _polygon_of_each_face(path):
