@@ -10,7 +10,7 @@ from facelab.files.takes.recording import Recording
 _EMPTY = ("", "nan", "NaN", "na", "NA", "null", "None")
 
 
-def read_rows(table, columns, cut_is_said=True):
+def read_rows(table, columns, rows=None):
     """The rows of a table as a `Recording`.
 
     A row without a face holds no numbers, or a time code and the count 0. A last row that is cut
@@ -22,8 +22,8 @@ def read_rows(table, columns, cut_is_said=True):
     table : TextTable
         With its rows still to come.
     columns : Columns
-    cut_is_said : bool, default=True
-        Say so where the last row has no line end, and may be cut within its last number.
+    rows : iterable, optional
+        Its rows, if they are not just as they stand there.
 
     Returns
     -------
@@ -36,7 +36,7 @@ def read_rows(table, columns, cut_is_said=True):
     """
     reader = _Reader(table, columns)
     doubt = None  # a last row may be cut, no other
-    for number, cells, plain in table.rows():
+    for number, cells, plain in table.rows() if rows is None else rows:
         if doubt is not None:
             raise doubt
         try:
@@ -53,7 +53,7 @@ def read_rows(table, columns, cut_is_said=True):
             f"the last row, line {reader.last}, ends in a number with fewer digits than all others "
             "there: cut short and left out"
         )
-    elif not table.ended and cut_is_said:
+    elif not table.ended:
         found.warned.append(
             f"the last row, line {reader.last}, has no line end: its last number may be cut"
         )
