@@ -8,6 +8,7 @@ Wavefront Technologies, Advanced Visualizer manual, appendices B1 (object files)
 """
 
 import codecs
+import re
 import warnings
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from facelab.files.pictures import MOST_BYTES, bytes_beside, picture
 from facelab.geometry.texture import Texture
 
+_COMMENT = re.compile(rb"(?:^|\s)#")
 _MOST_OF_TEXT = 16 << 20  # bytes of a library
 
 
@@ -44,6 +46,11 @@ def texture_of(path, places, libraries, materials, corners, polygon):
     except (ValueError, FileNotFoundError) as error:  # ours, with file and place
         warnings.warn(f"{error} The texture is left out.", stacklevel=4)
         return None
+
+
+def uncommented(line):
+    """A line, in bytes, without its comment; a `#` within a word is part of a name."""
+    return _COMMENT.split(line, maxsplit=1)[0] if b"#" in line else line
 
 
 def _texture(path, places, libraries, materials, corners, polygon):
@@ -90,7 +97,7 @@ def _library(path, names):
     for name in [names] if (path.parent / names).is_file() else names.split():
         text = bytes_beside(path, name, "a material library (mtllib)", _MOST_OF_TEXT)
         for line in text.removeprefix(codecs.BOM_UTF8).splitlines():
-            word, _, rest = line.split(b"#", 1)[0].strip().partition(b" ")
+            word, _, rest = uncommented(line).strip().partition(b" ")
             if word == b"newmtl":
                 current = rest.strip()
             elif word.lower() == b"map_kd":
