@@ -56,8 +56,8 @@ class GltfData:
         "animations".
     binary : bytes or None
         The binary chunk of a GLB.
-    further : list of (bytes, bytes)
-        Kind and data of its other chunks, which mean nothing to glTF.
+    further : list of (bytes, bytes) or None
+        Kind and data of the other chunks of a GLB, which mean nothing to glTF.
 
     Raises
     ------
@@ -69,7 +69,7 @@ class GltfData:
     def __init__(self, path):
         self.path = existing_file(path, "glTF file")
         data = self.path.read_bytes()
-        self.binary, self.further = None, []
+        self.binary = self.further = None
         text = self._chunks(data) if data[:4] == b"glTF" else data
         self.json = load_json(text, self.path, "glTF file")
         version = self.json.item("asset").text("version", "missing")
