@@ -253,21 +253,20 @@ class GltfData:
         if wholes and dtype.kind != "u":
             raise item.wrong("componentType", "5121, 5123 or 5125, of whole numbers")
         count = self.count(index)
-        out = self._elements(item, dtype, width, count)
+        if "bufferView" in item:
+            out = self._read(item, dtype, width, count)
+        else:
+            self.need(count * width * dtype.itemsize, item.place)
+            out = np.zeros((count, width), dtype)
         if "sparse" in item:
             out = self._changed(item.item("sparse"), out, dtype, width)
         if not wholes:
             out = self._numbers(item, out, dtype)
         return out[:, 0] if kind == "SCALAR" else out
 
-    def _elements(self, item, dtype, width, count):
-        if "bufferView" not in item:
-            self.need(count * width * dtype.itemsize, item.place)
-            return np.zeros((count, width), dtype)
+    def _read(self, item, dtype, width, count):
+        """Elements as they stand in the buffer view of an accessor, or of a part of one."""
         data, stride = self.view(item.index("bufferView", self.lists["bufferViews"]))
-        return self._read(item, data, stride, dtype, width, count)
-
-    def _read(self, item, data, stride, dtype, width, count):
         offset = item.whole("byteOffset", 0)
         size = width * dtype.itemsize
         stride = stride or size
@@ -292,18 +291,15 @@ class GltfData:
         component = where.whole("componentType")
         if component not in (5121, 5123, 5125):
             raise where.wrong("componentType", "5121, 5123 or 5125")
-        views = self.lists["bufferViews"]
-        data, stride = self.view(where.index("bufferView", views))
-        kind = np.dtype(COMPONENTS[component])
-        rows = self._read(where, data, stride, kind, 1, count)[:, 0].astype(np.int64)
+        rows = self._read(where, np.dtype(COMPONENTS[component]), 1, count)
+        rows = rows[:, 0].astype(np.int64)
         if (np.diff(rows) <= 0).any() or rows[-1] >= len(base):
             raise ValueError(
                 f"{self.path}: {where.place} must ascend and stay below {len(base)}; the file is "
                 "damaged, export it again."
             )
-        data, stride = self.view(values.index("bufferView", views))
         out = base.copy()
-        out[rows] = self._read(values, data, stride, dtype, width, count)
+        out[rows] = self._read(values, dtype, width, count)
         return out
 
     def _numbers(self, item, out, dtype):
@@ -324,6 +320,30 @@ class GltfData:
             return out.astype(np.float32)
         most = np.iinfo(dtype).max
         return np.maximum(out.astype(np.float32) / np.float32(most), np.float32(-1))
+
+    def attribute(self, primitive, semantic, kind, wholes=False):
+        """An attribute of a primitive's vertices, Draco's or plain; parameters of `array`."""
+        attributes, accessors = primitive.item("attributes"), self.lists["accessors"]
+        count = self.count(attributes.index("POSITION", accessors))
+        index, packed = attributes.index(semantic, accessors), self.draco(primitive)
+        if packed and semantic in packed[1]:
+            found = packed[0].get_attribute_by_unique_id(packed[1].whole(semantic))
+            array = None if found is None else np.asarray(found["data"])
+            if array is None or array.shape != (count, _WIDTHS[kind]):
+                raise ValueError(
+                    f"{self.path}: {primitive.place}: its Draco data do not hold the {count} "
+                    f"{semantic} that the file promises; export it again."
+                )
+            if wholes or array.dtype.kind == "f":
+                return array
+            return self._numbers(accessors[index], array, array.dtype)
+        array = self.array(index, kind, wholes)
+        if len(array) != count:
+            raise ValueError(
+                f"{self.path}: {attributes.at(semantic)} has {len(array)} elements, but "
+                f"POSITION {count}; the file is damaged, export it again."
+            )
+        return array
 
     # --- Draco ------------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ import numpy as np
 from facelab.files.gltf_data import GltfData
 from facelab.files.gltf_texture import texture_of
 from facelab.files.parts import LONGEST, MeshFile, check_coordinates
+from facelab.files.pictures import or_left_out
 from facelab.geometry.texture import Texture
 
 _SEMANTICS = ("POSITION", "NORMAL", "TANGENT", "TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_", "_")
@@ -256,23 +257,22 @@ class GltfScene:
         node, mesh, _, _ = self._found[k]
         item = data.lists["meshes"][mesh]
         primitives = item.items("primitives")
-        kept, start, starts, n = [], {}, {}, 0
+        kept, faces, start, starts, n = [], [], {}, {}, 0
         for i, primitive in enumerate(primitives):
             primitive.warn_unknown(_PRIMITIVE)
             if primitive.whole("mode", 4, high=6) >= 4:
-                packed = data.draco(primitive)
-                own = self._vertices(primitive, packed, shapes)
+                own = self._vertices(primitive, shapes)
                 key = own.pop("key")
                 if key is None or key not in starts:  # primitives may share all their vertices
                     kept.append(own)
                     starts[key] = n
                     n += len(own["V"])
-                start[i] = starts[key], len(own["V"]), packed
-        faces = [
-            self._faces(primitives[i], begin, count, packed)
-            for i, (begin, count, packed) in start.items()
-        ]
-        picture = self._texture(primitives, start, faces) if texture else None
+                start[i] = starts[key]
+                faces.append(self._faces(primitive, starts[key], len(own["V"])))
+        picture = None
+        if texture:
+            own = [F - begin for F, begin in zip(faces, start.values(), strict=True)]
+            picture = or_left_out(texture_of, data, [primitives[i] for i in start], own)
         names = self._target_names(item, primitives)
         data.need(200 * n + 24 * sum(map(len, faces)), f"{self.names[k]!r}")
         V = np.vstack([own["V"] for own in kept]).astype(float)
@@ -295,15 +295,9 @@ class GltfScene:
         deltas = np.empty((0, len(V), 3), np.float32)
         if shapes and names:
             deltas = self._deltas(kept, len(names), len(V), linear, self.names[k])
-        begins = {i: begin for i, (begin, _, _) in start.items()}
-        return GltfPart(self.names[k], V, F, names, deltas, linear, begins, picture)
+        return GltfPart(self.names[k], V, F, names, deltas, linear, start, picture)
 
-    def _texture(self, primitives, start, faces):
-        own = [F - begin for F, (begin, _, _) in zip(faces, start.values(), strict=True)]
-        packed = [packed for _, _, packed in start.values()]
-        return texture_of(self.data, [primitives[i] for i in start], own, packed)
-
-    def _vertices(self, primitive, packed, shapes):
+    def _vertices(self, primitive, shapes):
         """Positions, joints and targets of one primitive, as the file has them."""
         data, accessors = self.data, self.data.lists["accessors"]
         attributes = primitive.item("attributes")
@@ -319,25 +313,7 @@ class GltfScene:
         index = attributes.index("POSITION", accessors)
         count = data.count(index)
 
-        def read(semantic, kind, wholes=False):
-            if packed and semantic in packed[1]:
-                found = packed[0].get_attribute_by_unique_id(packed[1].whole(semantic))
-                array = None if found is None else np.asarray(found["data"])
-                if array is None or array.shape != (count, int(kind[-1])):
-                    raise ValueError(
-                        f"{self.path}: {primitive.place}: its Draco data do not hold the {count} "
-                        f"{semantic} that the file promises; export it again."
-                    )
-                return array
-            array = data.array(attributes.index(semantic, accessors), kind, wholes)
-            if len(array) != count:
-                raise ValueError(
-                    f"{self.path}: {attributes.at(semantic)} has {len(array)} elements, but "
-                    f"POSITION {count}; the file is damaged, export it again."
-                )
-            return array
-
-        V = read("POSITION", "VEC3")
+        V = data.attribute(primitive, "POSITION", "VEC3")
         if not np.isfinite(V).all():
             row = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
             raise ValueError(
@@ -346,8 +322,8 @@ class GltfScene:
             )
         joints, weights, n = [], [], 0
         while f"JOINTS_{n}" in attributes and f"WEIGHTS_{n}" in attributes:
-            joints.append(read(f"JOINTS_{n}", "VEC4", wholes=True).astype(np.int64))
-            weights.append(read(f"WEIGHTS_{n}", "VEC4").astype(float))
+            joints.append(data.attribute(primitive, f"JOINTS_{n}", "VEC4", wholes=True))
+            weights.append(data.attribute(primitive, f"WEIGHTS_{n}", "VEC4").astype(float))
             if not (weights[-1] >= 0).all():  # neither NaN
                 raise ValueError(
                     f"{self.path}: {attributes.at(f'WEIGHTS_{n}')} holds weights that are negative "
@@ -363,9 +339,9 @@ class GltfScene:
                 )
         ties = tuple(attributes.value.get(f"JOINTS_{i}") for i in range(n))
         return {
-            "key": None if packed else (index, tuple(at), ties),
+            "key": None if data.draco(primitive) else (index, tuple(at), ties),
             "V": V,
-            "joints": np.hstack(joints) if n else None,
+            "joints": np.hstack(joints).astype(np.int64) if n else None,
             "weights": np.hstack(weights) if n else None,
             "targets": at if shapes else [],
         }
@@ -385,10 +361,10 @@ class GltfScene:
             weights.append(np.pad(W, pad))
         return np.vstack(joints), np.vstack(weights)
 
-    def _faces(self, primitive, begin, count, packed):
+    def _faces(self, primitive, begin, count):
         """Triangles of one primitive, numbered from `begin`."""
         accessors = self.data.lists["accessors"]
-        mode = primitive.whole("mode", 4, high=6)
+        mode, packed = primitive.whole("mode", 4, high=6), self.data.draco(primitive)
         if packed:
             index = np.asarray(packed[0].faces, dtype=np.int64).ravel()
             if "indices" in primitive:

@@ -10,6 +10,7 @@ import numpy as np
 from facelab.checks import check_choice
 from facelab.files.obj_texture import texture_of, uncommented
 from facelab.files.parts import MeshFile, check_coordinates, triangles_of
+from facelab.files.pictures import or_left_out
 from facelab.storage import atomic_path, existing_file
 
 _KEYWORDS = set(  # of the format, beside v, vt, vn, f, fo, o and g: passed over
@@ -121,7 +122,9 @@ def read_obj_file(path, bad_faces="refuse"):
     if lines.libraries and lines.materials and lines.places:
         polygon = np.repeat(np.arange(len(counts)), counts)
         own = on_picture[kept][_corner_of(F, owner, corners[kept], polygon[kept])]
-        texture = texture_of(path, lines.places, lines.libraries, lines.materials, own, owner)
+        texture = or_left_out(
+            texture_of, path, lines.places, lines.libraries, lines.materials, own, owner
+        )
     parts = {n: np.flatnonzero(m) for n, m in _parts(lines.sections, owner).items()}
     return MeshFile(path, V, F, parts, texture=texture)
 
