@@ -7,6 +7,7 @@ import numpy as np
 
 from facelab.checks import as_finite, check_choice, check_count, check_type
 from facelab.files.gltf_write import ARRAY, ELEMENTS, GltfPieces, glb_bytes
+from facelab.files.words import distinct
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size
 from facelab.looks import followed, turn_eyes
@@ -151,7 +152,7 @@ def write_clip_glb(path, clip, session, props=()):
         return
     deltas = session.vertices_of(clip.poses) - session.neutral.vertices
     shares = np.eye(len(clip.times))
-    names = _distinct(clip.names)
+    names = distinct(clip.names)
     write_glb(path, session.neutral, deltas, names, clip.times, shares, way, props, gaze=clip.gaze)
 
 
@@ -204,18 +205,6 @@ def write_motion_glb(path, motion, n_modes=30):
     times = np.flatnonzero(motion.valid) / motion.fps
     write_glb(path, motion.mesh, deltas.reshape(len(deltas), -1, 3), names, times, weights)
     return left
-
-
-def _distinct(names):
-    """Names, those that stand twice numbered."""
-    found = []
-    for name in names:
-        new, k = name, 1
-        while new in found:
-            k += 1
-            new = f"{name} ({k})"
-        found.append(new)
-    return found
 
 
 class _File(GltfPieces):

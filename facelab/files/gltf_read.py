@@ -14,6 +14,7 @@ from facelab.files.gltf_data import GltfData
 from facelab.files.gltf_texture import texture_of
 from facelab.files.parts import LONGEST, MeshFile, check_coordinates
 from facelab.files.pictures import or_left_out
+from facelab.files.words import distinct, listed, quoted
 from facelab.geometry.texture import Texture
 
 _SEMANTICS = ("POSITION", "NORMAL", "TANGENT", "TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_", "_")
@@ -91,14 +92,9 @@ class GltfScene:
             )
         self._found = found
         self._aliases = [name for _, _, _, name in found]
-        self.names = []
-        for k, (_, _, own, other) in enumerate(found):
-            name, n = own or other or f"mesh {k}", 1
-            label = name
-            while label in self.names:
-                n += 1
-                label = f"{name} ({n})"
-            self.names.append(label)
+        self.names = distinct(
+            [own or other or f"mesh {k}" for k, (_, _, own, other) in enumerate(found)]
+        )
 
     def _usable(self, found):
         """The parts that have triangles and a size; the others are said."""
@@ -113,8 +109,8 @@ class GltfScene:
                 kept.append((node, mesh, own, other))
         if passed:
             warnings.warn(
-                f"{self.path}: {', '.join(map(repr, passed[:6]))} ({len(passed)}) have no "
-                "triangles, or are scaled to nothing, and are passed over.",
+                f"{self.path}: {quoted(passed)} ({len(passed)}) have no triangles, or are scaled "
+                "to nothing, and are passed over.",
                 stacklevel=3,
             )
         return kept
@@ -133,8 +129,7 @@ class GltfScene:
         if len(known) == 1:
             return known[0]
         raise ValueError(
-            f"{self.path}: mesh={name!r} is not in it; its parts are "
-            f"{', '.join(map(repr, self.names[:20]))}{', ...' * (len(self.names) > 20)}."
+            f"{self.path}: mesh={name!r} is not in it; its parts are {quoted(self.names, 20)}."
         )
 
     def place(self, k):
@@ -477,7 +472,7 @@ def read_gltf_file(path, mesh=None):
     shapes = [f"{scene.n_targets(k)} of {scene.names[k]!r}" for k in chosen if scene.n_targets(k)]
     if shapes:
         warnings.warn(
-            f"{scene.path}: morph targets are left out ({', '.join(shapes[:6])}); "
+            f"{scene.path}: morph targets are left out ({listed(shapes)}); "
             "facelab.read_rig reads them.",
             stacklevel=4,
         )

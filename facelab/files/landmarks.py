@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from facelab.checks import as_finite, check_index, check_number, check_type
 from facelab.files.json_items import load_json
 from facelab.files.text import text_lines
+from facelab.files.words import listed
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.storage import StoredArrays, atomic_path, existing_file
 
@@ -247,7 +248,7 @@ def _nearest(path, mesh, labels, points):
         raise ValueError(f"{path}: all of its landmarks are missing.")
     if not seen.all():
         lost = [n for n, s in zip(labels, seen, strict=True) if not s]
-        warnings.warn(f"{path}: {len(lost)} landmark(s) are missing: {_few(lost)}.", stacklevel=3)
+        warnings.warn(f"{path}: {len(lost)} landmark(s) are missing: {listed(lost)}.", stacklevel=3)
     away, vertex = cKDTree(mesh.vertices).query(points[seen].clip(-1e12, 1e12))
     labels = [n for n, s in zip(labels, seen, strict=True) if s]
     far = away > _FAR
@@ -340,7 +341,7 @@ def _npz(path, mesh):
         bary = [n for n in stored.names if "b_coords" in n.lower() or "bary" in n.lower()]
         if len(face) != 1 or len(bary) != 1:
             raise ValueError(
-                f"{path}: it holds {_few(stored.names) or 'nothing'}; wanted are one array of "
+                f"{path}: it holds {listed(stored.names) or 'nothing'}; wanted are one array of "
                 "triangles with 'face' in its name and one of weights with 'b_coords' or 'bary'."
             )
         faces = _as_index(stored.read(face[0], ("n",), "iu"))
@@ -390,7 +391,7 @@ def _named(path, found, n, names):
     twice = sorted({x for x in found if found.count(x) > 1})
     if twice or not all(found):
         raise ValueError(
-            f"{path}: {f'{_few(twice)} stand(s) twice' if twice else 'a landmark has no name'}; "
+            f"{path}: {f'{listed(twice)} stand(s) twice' if twice else 'a landmark has no name'}; "
             "each needs a name of its own (names=)."
         )
     return found
@@ -426,8 +427,4 @@ def _check_places(path, mesh, found):
         at.setdefault(v, []).append(name)
     both = [" and ".join(n) for n in at.values() if len(n) > 1]
     if both:
-        warnings.warn(f"{path}: at one vertex are {_few(both)}.", stacklevel=3)
-
-
-def _few(names):
-    return f"{', '.join(map(str, names[:6]))}{', ...' * (len(names) > 6)}"
+        warnings.warn(f"{path}: at one vertex are {listed(both)}.", stacklevel=3)

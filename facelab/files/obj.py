@@ -11,6 +11,7 @@ from facelab.checks import check_choice
 from facelab.files.obj_texture import texture_of, uncommented
 from facelab.files.parts import MeshFile, check_coordinates, triangles_of
 from facelab.files.pictures import or_left_out
+from facelab.files.words import listed
 from facelab.storage import atomic_path, existing_file
 
 _KEYWORDS = set(  # of the format, beside v, vt, vn, f, fo, o and g: passed over
@@ -210,8 +211,7 @@ def _say_unknown(path, unknown):
         words = sorted({_shown(w[:1]) for _, w in unknown})
         warnings.warn(
             f"{path}: {len(unknown)} line(s) with keywords that OBJ does not have were passed over:"
-            f" {', '.join(words[:6])}{', ...' * (len(words) > 6)}; the first is line "
-            f"{unknown[0][0]}.",
+            f" {listed(words)}; the first is line {unknown[0][0]}.",
             stacklevel=4,
         )
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from facelab.files.words import listed
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.polygons import triangulate
 from facelab.geometry.texture import Texture
@@ -69,7 +70,7 @@ class MeshFile:
         if not self.parts:
             return "it has no named parts, leave mesh= out"
         sizes = [f"{n!r} ({len(self.vertices_of(n))} vertices)" for n in self.parts]
-        return f"its parts are {', '.join(sizes[:20])}{', ...' * (len(sizes) > 20)}"
+        return f"its parts are {listed(sizes, 20)}"
 
     def _mesh(self, vertices, faces, texture):
         try:
@@ -145,8 +146,7 @@ def _refuse_bad_faces(path, places, bad_faces, counts):
         return
     n_faces = len(counts)
     (where, reason), others = places[0], [p for p, _ in places[1:]]
-    more = f", ... ({len(others)})" if len(others) > 6 else ""
-    also = f" (so are {', '.join(others[:6])}{more})" if others else ""
+    also = f" (so are {listed(others)})" if others else ""
     if bad_faces == "refuse" or len(places) == n_faces:
         remedy = (
             "remove it" if len(places) == n_faces else 'remove it, or give bad_faces="leave out"'

@@ -11,6 +11,7 @@ from facelab.checks import check_number, check_type
 from facelab.files.gltf_read import GltfScene
 from facelab.files.meshes import check_kind, unit_of
 from facelab.files.obj import read_obj_file, read_obj_polygons, read_obj_rows
+from facelab.files.words import distinct, listed
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size, face_scale, longest_side
 from facelab.geometry.welding import alike, same_place, shrunk
@@ -127,8 +128,8 @@ def _from_gltf(path, mesh, scale):
     if shown:
         said = [f"{name} at {weight:g}" for name, weight in shown.items()]
         warnings.warn(
-            f"{scene.path}: the file shows {head.name!r} with {', '.join(said[:6])}"
-            f"{', ...' * (len(said) > 6)}; the face at rest is read without.",
+            f"{scene.path}: the file shows {head.name!r} with {listed(said)}; the face "
+            "at rest is read without.",
             stacklevel=3,
         )
     others = {}
@@ -162,19 +163,13 @@ def _has_size(path, part, scale):
 
 def _distinct(path, part):
     """Names of a part's targets, each once and none empty."""
-    names, found = list(part.names), []
-    for k, name in enumerate(names):
-        label, n = name or f"target {k + 1}", 1
-        new = label
-        while new in found:
-            n += 1
-            new = f"{label} ({n})"
-        found.append(new)
+    names = list(part.names)
+    found = distinct([name or f"target {k + 1}" for k, name in enumerate(names)])
     if found != names:
-        odd = [f"{b}" for a, b in zip(names, found, strict=True) if a != b]
+        odd = [new for name, new in zip(names, found, strict=True) if name != new]
         warnings.warn(
             f"{path}: {len(odd)} morph target(s) of {part.name!r} have no name, or one that is "
-            f"there twice; they are called {', '.join(odd[:6])}{', ...' * (len(odd) > 6)}.",
+            f"there twice; they are called {listed(odd)}.",
             stacklevel=4,
         )
     return found
@@ -225,9 +220,8 @@ def _from_folder(folder, mesh, scale, neutral):
         deltas[k] = shape[kept] - V
     if displaced:
         warnings.warn(
-            f"{folder}: {', '.join(displaced[:6])}{', ...' * (len(displaced) > 6)} "
-            f"({len(displaced)}) move every vertex, the whole head; if that is not meant, put each "
-            "where the face at rest is.",
+            f"{folder}: {listed(displaced)} ({len(displaced)}) move every vertex, the whole head; "
+            "if that is not meant, put each where the face at rest is.",
             stacklevel=3,
         )
     scale = _unit(folder, V, deltas, unit_of(".obj"), scale)
@@ -276,8 +270,7 @@ def _neutral_of(folder, files, neutral):
         name = name[:-4] if name.lower().endswith(".obj") else name
         if name not in files:
             raise ValueError(
-                f"{folder}: neutral={neutral!r} is not in it; its OBJ files are "
-                f"{', '.join(list(files)[:8])}{', ...' * (len(files) > 8)}."
+                f"{folder}: neutral={neutral!r} is not in it; its OBJ files are {listed(files, 8)}."
             )
         return name
     found = []
@@ -287,10 +280,10 @@ def _neutral_of(folder, files, neutral):
             return found[0]
         if found:
             break
-    by_name = f"by their names {', '.join(found[:6])}" if found else "no name tells"
+    by_name = f"by their names {listed(found)}" if found else "no name tells"
     raise ValueError(
         f"{folder}: which OBJ is the face at rest? {by_name[0].upper()}{by_name[1:]}; give "
-        f"neutral=, one of {', '.join(list(files)[:8])}{', ...' * (len(files) > 8)}."
+        f"neutral=, one of {listed(files, 8)}."
     )
 
 

@@ -17,11 +17,11 @@ from facelab.files.markers.rules import (
     checked,
     factor_of,
     judged,
-    listed,
     marker_sequence,
     resolve_names,
     warn,
 )
+from facelab.files.words import listed
 
 _BLOCK = 512
 _KINDS = {84: "Intel", 85: "DEC", 86: "MIPS"}

@@ -9,11 +9,11 @@ from facelab.files.markers.rules import (
     checked,
     factor_of,
     judged,
-    listed,
     marker_sequence,
     resolve_names,
     warn,
 )
+from facelab.files.words import listed
 
 _RATES = {  # frames a second of Maya's names for units of time
     "game": 15.0, "film": 24.0, "pal": 25.0, "ntsc": 30.0, "show": 48.0, "palf": 50.0,

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from facelab.files.markers.rules import listed, marker_sequence, resolve_names, warn
+from facelab.files.markers.rules import marker_sequence, resolve_names, warn
 from facelab.files.text import text_lines
+from facelab.files.words import listed
 
 _BLOCK = 2**22  # characters parsed together
 _BLANK = " \t,;"  # a line of these alone holds nothing

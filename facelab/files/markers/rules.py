@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from facelab.checks import check_number, check_type
+from facelab.files.words import distinct, listed
 from facelab.geometry.size import face_scale
 from facelab.motion import MarkerSequence
 from facelab.storage import existing_file
@@ -92,13 +93,6 @@ def factor_of(path, said, unit, what):
     return MM_PER_UNIT[unit]
 
 
-def listed(names, most=6):
-    """Names as one reads them in a sentence, the first few of many."""
-    names = list(names)
-    rest = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + rest
-
-
 def warn(path, report, text, stacklevel=4):
     """Say something about a file at once, and keep it in its report."""
     report.append(text)
@@ -169,19 +163,9 @@ def resolve_names(path, labels, subject, report):
 def _numbered(path, names, report):
     """The names, each once: `chin`, `chin_2`, `chin_3`."""
     twice = [name for name, count in Counter(names).items() if count > 1]
-    if not twice:
-        return names
-    taken, seen, numbered = set(names), Counter(), []
-    for name in names:
-        seen[name] += 1
-        if seen[name] > 1:
-            stem = name
-            while (name := f"{stem}_{seen[stem]}") in taken:
-                seen[stem] += 1
-            taken.add(name)
-        numbered.append(name)
-    warn(path, report, f"name(s) that stand more than once were numbered: {listed(twice)}", 5)
-    return numbered
+    if twice:
+        warn(path, report, f"name(s) that stand more than once were numbered: {listed(twice)}", 5)
+    return distinct(names, "{}_{}")
 
 
 def marker_sequence(path, positions, names, fps, report):

@@ -14,7 +14,8 @@ from facelab.files.markers.rows import (
     read_table,
     stated,
 )
-from facelab.files.markers.rules import MM_PER_UNIT, checked, factor_of, judged, listed
+from facelab.files.markers.rules import MM_PER_UNIT, checked, factor_of, judged
+from facelab.files.words import listed
 
 _NEXUS_PARTS = ("trajectories", "devices", "joints", "model outputs", "events")
 _AXIS_NAME = re.compile(r"(.*?)[\s_.:|-]*([xyzXYZ])(?:\s*[\[(]([^\])]*)[\])])?")

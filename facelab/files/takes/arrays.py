@@ -6,6 +6,7 @@ import numpy as np
 
 from facelab.files.takes.columns import weight_columns
 from facelab.files.takes.recording import Recording
+from facelab.files.words import listed
 from facelab.names import normalised
 from facelab.storage import StoredArrays, existing_file
 
@@ -164,7 +165,7 @@ def _of_frames(path, rows, names, shapes, fps):
             header = header or list(row)
             if row and {*row} != {*header}:
                 odd = sorted({*row} ^ {*header})
-                raise ValueError(f"{place} has not the names of the first: {', '.join(odd[:6])}.")
+                raise ValueError(f"{place} has not the names of the first: {listed(odd)}.")
             row = [row[name] for name in header] if row else []
         if not isinstance(row, list) and row is not None:
             raise ValueError(f"{place} is a {type(row).__name__}, but must hold weights.")
@@ -228,7 +229,7 @@ def _of_columns(path, content, names, fps):
             f"{path}: no weights found in it; see read_weights for the forms it knows."
         )
     if len({len(v) for v in lists.values()}) > 1:
-        sizes = ", ".join(f"{k} {len(v)}" for k, v in list(lists.items())[:6])
+        sizes = listed(f"{k} {len(v)}" for k, v in lists.items())
         raise ValueError(f"{path}: lists of different length: {sizes}; each needs all frames.")
     matrix = np.array(
         [

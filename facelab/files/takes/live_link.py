@@ -12,6 +12,7 @@ from facelab.files.takes.recording import as_take
 from facelab.files.takes.rows import read_rows
 from facelab.files.takes.timecodes import CODED, SLOWEST
 from facelab.files.text import TextTable
+from facelab.files.words import listed
 from facelab.motion import WeightSequence
 from facelab.names import ANGLES, ARKIT, arkit_names
 from facelab.storage import atomic_path
@@ -136,8 +137,8 @@ def to_arkit(take):
     targets = {name: arkit_names(name) for name in take.names}
     if not any(targets.values()):
         raise ValueError(
-            f"take has no unit with an ARKit name; its units are {', '.join(take.names[:6])}, ...; "
-            "write it under its own names with write_weights_csv."
+            f"take has no unit with an ARKit name; its units are {listed(take.names)}; write "
+            "it under its own names with write_weights_csv."
         )
     W = np.where(take.valid[:, None], take.weights, 0)
     used = (np.abs(W) > 1e-3).any(axis=0)

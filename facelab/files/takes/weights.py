@@ -12,6 +12,7 @@ from facelab.files.takes.live_link import read_live_link
 from facelab.files.takes.recording import as_take
 from facelab.files.takes.rows import read_rows
 from facelab.files.text import TextTable
+from facelab.files.words import listed
 from facelab.motion import WeightSequence
 from facelab.names import ANGLES
 from facelab.storage import atomic_path
@@ -87,9 +88,7 @@ def read_weights(path, fps=None, scale=None, names=None):
             if columns.intensities:
                 scale = _of_openface(found, scale)
     if found.others:
-        others = list(found.others)
-        more = f", ... ({len(others)})" if len(others) > 12 else ""
-        found.warned.append(f"no weights, kept apart in others: {', '.join(others[:12])}{more}")
+        found.warned.append(f"no weights, kept apart in others: {listed(found.others, 12)}")
     return as_take(found, fps, scale)
 
 
