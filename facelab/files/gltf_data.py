@@ -17,6 +17,7 @@ import numpy as np
 from facelab.files import meshopt
 from facelab.files.json_items import load_json
 from facelab.files.pictures import bytes_beside
+from facelab.files.words import damaged
 from facelab.storage import existing_file
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -104,14 +105,11 @@ class GltfData:
         while at < len(data):
             size, kind = struct.unpack_from("<I4s", data, at) if at + 8 <= len(data) else (0, b"")
             if not kind or at + 8 + size > len(data):
-                raise ValueError(
-                    f"{self.path}: the chunk at byte {at} does not fit into the file; it is "
-                    "damaged, export it again."
-                )
+                raise damaged(f"{self.path}: the chunk at byte {at} does not fit into the file")
             found.append((kind, data[at + 8 : at + 8 + size]))
             at += 8 + size
             if found[0][0] != b"JSON":
-                raise ValueError(f"{self.path}: its first chunk is not JSON; export it again.")
+                raise damaged(f"{self.path}: its first chunk is not JSON")
         (_, text), *rest = found
         self.binary = rest.pop(0)[1] if rest and rest[0][0] == b"BIN\0" else None
         self.further = rest
@@ -145,18 +143,18 @@ class GltfData:
             if uri is None and index == 0 and self.binary is not None:
                 data = self.binary
                 if len(data) - length > 3:
-                    raise ValueError(
+                    raise damaged(
                         f"{self.path}: {item.at('byteLength')} is {length}, but the binary chunk "
-                        f"has {len(data)} bytes; the file is damaged, export it again."
+                        f"has {len(data)} bytes"
                     )
             elif uri is None:
-                raise ValueError(f"{self.path}: {item.place} has no data; export the file again.")
+                raise damaged(f"{self.path}: {item.place} has no data")
             else:
                 data = self.from_uri(item, uri)
             if len(data) < length:
-                raise ValueError(
+                raise damaged(
                     f"{self.path}: {item.at('byteLength')} is {length}, but its data end after "
-                    f"{len(data)} bytes; the file was cut short, export it again."
+                    f"{len(data)} bytes"
                 )
             self._buffers[index] = memoryview(data)[:length]
         return self._buffers[index]
@@ -193,9 +191,9 @@ class GltfData:
         data = self._buffer(item.index("buffer", self.lists["buffers"]))
         start, length = item.whole("byteOffset", 0), item.whole("byteLength", low=1)
         if start + length > len(data):
-            raise ValueError(
+            raise damaged(
                 f"{self.path}: {item.place} ends at byte {start + length}, but its buffer has "
-                f"{len(data)}; the file is damaged, export it again."
+                f"{len(data)}"
             )
         return data[start : start + length]
 
@@ -209,15 +207,15 @@ class GltfData:
         ):
             raise packed.wrong("mode", "ATTRIBUTES, TRIANGLES or INDICES with a stride that fits")
         if count * stride != item.whole("byteLength", low=1):
-            raise ValueError(
+            raise damaged(
                 f"{self.path}: {packed.place} has {count} elements of {stride} bytes, but its view "
-                f"has {item.value['byteLength']}; the file is damaged, export it again."
+                f"has {item.value['byteLength']}"
             )
         self.need(count * stride, packed.place)
         try:
             data = meshopt.decode(bytes(self._slice(packed)), count, stride, mode, way)
         except ValueError as error:
-            raise ValueError(f"{self.path}: {packed.place}: {error}; export it again.") from None
+            raise damaged(f"{self.path}: {packed.place}: {error}") from None
         return memoryview(data), stride if mode == "ATTRIBUTES" else 0
 
     # --- accessors --------------------------------------------------------------------------------
@@ -271,15 +269,14 @@ class GltfData:
         size = width * dtype.itemsize
         stride = stride or size
         if offset % dtype.itemsize or stride < size:
-            raise ValueError(
+            raise damaged(
                 f"{self.path}: {item.place} lies askew in its buffer view (offset {offset}, "
-                f"{stride} bytes from one element to the next of {size}); export the file again."
+                f"{stride} bytes from one element to the next of {size})"
             )
         end = offset + stride * (count - 1) + size
         if end > len(data):
-            raise ValueError(
-                f"{self.path}: {item.place} needs {end} bytes, but its buffer view has "
-                f"{len(data)}; the file is damaged, export it again."
+            raise damaged(
+                f"{self.path}: {item.place} needs {end} bytes, but its buffer view has {len(data)}"
             )
         strides = (stride, dtype.itemsize)
         return np.ndarray((count, width), dtype, data, offset, strides)
@@ -294,10 +291,7 @@ class GltfData:
         rows = self._read(where, np.dtype(COMPONENTS[component]), 1, count)
         rows = rows[:, 0].astype(np.int64)
         if (np.diff(rows) <= 0).any() or rows[-1] >= len(base):
-            raise ValueError(
-                f"{self.path}: {where.place} must ascend and stay below {len(base)}; the file is "
-                "damaged, export it again."
-            )
+            raise damaged(f"{self.path}: {where.place} must ascend and stay below {len(base)}")
         out = base.copy()
         out[rows] = self._read(values, dtype, width, count)
         return out
@@ -330,18 +324,18 @@ class GltfData:
             found = packed[0].get_attribute_by_unique_id(packed[1].whole(semantic))
             array = None if found is None else np.asarray(found["data"])
             if array is None or array.shape != (count, _WIDTHS[kind]):
-                raise ValueError(
+                raise damaged(
                     f"{self.path}: {primitive.place}: its Draco data do not hold the {count} "
-                    f"{semantic} that the file promises; export it again."
+                    f"{semantic} that the file promises"
                 )
             if wholes or array.dtype.kind == "f":
                 return array
             return self._numbers(accessors[index], array, array.dtype)
         array = self.array(index, kind, wholes)
         if len(array) != count:
-            raise ValueError(
-                f"{self.path}: {attributes.at(semantic)} has {len(array)} elements, but "
-                f"POSITION {count}; the file is damaged, export it again."
+            raise damaged(
+                f"{self.path}: {attributes.at(semantic)} has {len(array)} elements, but POSITION "
+                f"{count}"
             )
         return array
 
@@ -368,9 +362,8 @@ class GltfData:
             except Exception:  # DracoPy has no one kind of its own
                 mesh = None
             if not isinstance(mesh, DracoPy.DracoMesh):  # or it is a cloud of points
-                raise ValueError(
-                    f"{self.path}: {packed.place}: its Draco data are damaged or hold no "
-                    "triangles; export it again."
+                raise damaged(
+                    f"{self.path}: {packed.place}: its Draco data are damaged or hold no triangles"
                 )
             self._drawn[index] = mesh
         return self._drawn[index], packed.item("attributes")

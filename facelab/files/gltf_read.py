@@ -9,12 +9,13 @@ import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from facelab.files.gltf_data import GltfData
 from facelab.files.gltf_texture import texture_of
 from facelab.files.parts import LONGEST, MeshFile, check_coordinates
 from facelab.files.pictures import or_left_out
-from facelab.files.words import distinct, listed, quoted
+from facelab.files.words import damaged, distinct, listed, quoted
 from facelab.geometry.texture import Texture
 
 _SEMANTICS = ("POSITION", "NORMAL", "TANGENT", "TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_", "_")
@@ -177,20 +178,11 @@ class GltfScene:
     def _matrix(self, node):
         if "matrix" in node:
             return np.array(node.numbers("matrix", 16)).reshape(4, 4).T
-        x, y, z, w = node.numbers("rotation", 4, [0.0, 0, 0, 1])
-        norm = x * x + y * y + z * z + w * w
-        if not 0.98 < norm < 1.02:
+        turn = np.array(node.numbers("rotation", 4, [0.0, 0, 0, 1]))  # x, y, z, w
+        if not 0.98 < turn @ turn < 1.02:
             raise node.wrong("rotation", "a quaternion of length 1")
-        s = 2 / norm
-        turn = np.array(
-            [
-                [1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
-                [s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w)],
-                [s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)],
-            ]
-        )
         M = np.eye(4)
-        M[:3, :3] = turn * node.numbers("scale", 3, [1.0, 1, 1])
+        M[:3, :3] = Rotation.from_quat(turn).as_matrix() * node.numbers("scale", 3, [1.0, 1, 1])
         M[:3, 3] = node.numbers("translation", 3, [0.0, 0, 0])
         return M
 
@@ -208,9 +200,8 @@ class GltfScene:
             return self._matrices[node]
         outside = [b for b in bones if b not in self._matrices]
         if outside:
-            raise ValueError(
-                f"{self.path}: {skin.place} has the joint {outside[0]}, which is not in the scene; "
-                "export the file again."
+            raise damaged(
+                f"{self.path}: {skin.place} has the joint {outside[0]}, which is not in the scene"
             )
         M = np.stack([self._matrices[b] for b in bones])
         if "inverseBindMatrices" in skin:
@@ -218,16 +209,16 @@ class GltfScene:
             index = skin.index("inverseBindMatrices", accessors)
             bind = self.data.array(index, "MAT4").astype(float).reshape(-1, 4, 4)
             if len(bind) < len(bones):
-                raise ValueError(
+                raise damaged(
                     f"{self.path}: {skin.place} has {len(bones)} joints, but {len(bind)} inverse "
-                    "bind matrices; the file is damaged, export it again."
+                    "bind matrices"
                 )
             M = M @ bind.transpose(0, 2, 1)[: len(bones)]
         used = joints[weights > 0]
         if used.size and used.max() >= len(bones):
-            raise ValueError(
+            raise damaged(
                 f"{self.path}: a vertex follows joint {used.max()}, but {skin.place} has "
-                f"{len(bones)}; the file is damaged, export it again."
+                f"{len(bones)}"
             )
         joints = np.where(weights > 0, joints, 0)
         total = weights.sum(axis=1, keepdims=True)
@@ -311,26 +302,25 @@ class GltfScene:
         V = data.attribute(primitive, "POSITION", "VEC3")
         if not np.isfinite(V).all():
             row = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
-            raise ValueError(
-                f"{self.path}: {accessors[index].place}, element {row}, holds NaN or infinity; the "
-                "file is damaged, export it again."
+            raise damaged(
+                f"{self.path}: {accessors[index].place}, element {row}, holds NaN or infinity"
             )
         joints, weights, n = [], [], 0
         while f"JOINTS_{n}" in attributes and f"WEIGHTS_{n}" in attributes:
             joints.append(data.attribute(primitive, f"JOINTS_{n}", "VEC4", wholes=True))
             weights.append(data.attribute(primitive, f"WEIGHTS_{n}", "VEC4").astype(float))
             if not (weights[-1] >= 0).all():  # neither NaN
-                raise ValueError(
+                raise damaged(
                     f"{self.path}: {attributes.at(f'WEIGHTS_{n}')} holds weights that are negative "
-                    "or no numbers; the file is damaged, export it again."
+                    "or no numbers"
                 )
             n += 1
         at = [t.index("POSITION", accessors) if "POSITION" in t else None for t in targets]
         for t, a in zip(targets, at, strict=True):
             if a is not None and data.count(a) != count:
-                raise ValueError(
+                raise damaged(
                     f"{self.path}: {t.at('POSITION')} has {data.count(a)} elements, but the mesh "
-                    f"{count} vertices; the file is damaged, export it again."
+                    f"{count} vertices"
                 )
         ties = tuple(attributes.value.get(f"JOINTS_{i}") for i in range(n))
         return {
@@ -365,9 +355,9 @@ class GltfScene:
             if "indices" in primitive:
                 promised = self.data.count(primitive.index("indices", accessors))
                 if promised != len(index):
-                    raise ValueError(
+                    raise damaged(
                         f"{self.path}: {primitive.place}: its Draco data hold {len(index)} "
-                        f"indices, but the file promises {promised}; export it again."
+                        f"indices, but the file promises {promised}"
                     )
             mode = 4
         elif "indices" in primitive:
@@ -376,14 +366,13 @@ class GltfScene:
         else:
             index = np.arange(count)
         if len(index) and index.max() >= count:
-            raise ValueError(
+            raise damaged(
                 f"{self.path}: {primitive.place} names vertex {index.max()}, but has {count}: 0 to "
-                f"{count - 1}; the file is damaged, export it again."
+                f"{count - 1}"
             )
         if len(index) < 3 or (mode == 4 and len(index) % 3):
-            raise ValueError(
-                f"{self.path}: {primitive.place} has {len(index)} indices, which make no "
-                "triangles; the file is damaged, export it again."
+            raise damaged(
+                f"{self.path}: {primitive.place} has {len(index)} indices, which make no triangles"
             )
         if mode == 4:
             F = index.reshape(-1, 3)
@@ -415,9 +404,9 @@ class GltfScene:
             if isinstance(extras, dict) and "targetNames" in extras:
                 names = owner.item("extras").texts("targetNames")
                 if len(names) != n:
-                    raise ValueError(
+                    raise damaged(
                         f"{self.path}: {owner.at('extras.targetNames')} has {len(names)} names, "
-                        f"but the mesh {n} morph targets; export the file again."
+                        f"but the mesh {n} morph targets"
                     )
                 return list(names)
         return [_name_of(target) for target in primitives[0].items("targets")]
@@ -446,9 +435,9 @@ class GltfScene:
         for k, delta in enumerate(deltas):
             moved = np.einsum("...ij,...j->...i", linear, delta.astype(float))
             if not (np.abs(moved) < LONGEST).all():
-                raise ValueError(
+                raise damaged(
                     f"{self.path}: morph target {k} of {name!r} holds NaN, infinity or a number "
-                    f"beyond {LONGEST:g}; the file is damaged, export it again."
+                    f"beyond {LONGEST:g}"
                 )
             deltas[k] = moved
         return deltas

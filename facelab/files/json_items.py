@@ -90,16 +90,14 @@ class Item:
         wanted = "one of none" if high is not None and high < low else wanted
         if isinstance(value, float) and value.is_integer() and abs(value) < 2**53:
             value = int(value)
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise self.wrong(key, f"a whole number, {wanted}")
-        if value < low or value >= 2**53 or (high is not None and value > high):
+        is_whole = isinstance(value, int) and not isinstance(value, bool)
+        if not is_whole or not low <= value < 2**53 or (high is not None and value > high):
             raise self.wrong(key, f"a whole number, {wanted}")
         return value
 
     def index(self, key, of):
         """A whole number that counts the items of a list of the file."""
-        n = len(of)
-        return self.whole(key, low=0, high=n - 1)
+        return self.whole(key, high=len(of) - 1)
 
     def flag(self, key):
         """True or false; false where it is missing."""

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from facelab.checks import as_finite, check_index, check_number, check_type
 from facelab.files.json_items import load_json
 from facelab.files.text import text_lines
-from facelab.files.words import listed
+from facelab.files.words import damaged, listed
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.storage import StoredArrays, atomic_path, existing_file
 
@@ -313,25 +313,21 @@ def _of_names(path, top):
 
 
 def _npy(path, mesh):
-    with open(path, "rb") as stream:
-        try:
-            version = np.lib.format.read_magic(stream)
-            read = {
-                (1, 0): np.lib.format.read_array_header_1_0,
-                (2, 0): np.lib.format.read_array_header_2_0,
-            }[version]
-            shape, _, dtype = read(stream)
-        except Exception:  # a mere accident of the bytes decides which
-            raise ValueError(f"{path}: its header is damaged, or it is no npy file.") from None
-        if dtype.kind not in "iu" or len(shape) != 1 or not shape[0]:
-            what = (
-                "pickled objects, which are never read" if dtype.hasobject else f"{dtype} {shape}"
-            )
-            raise ValueError(f"{path}: it holds {what}; an array of whole numbers (n,) is wanted.")
-        data = stream.read()
-    if len(data) != shape[0] * dtype.itemsize:
-        raise ValueError(f"{path}: it is not as long as its header says; it is cut or damaged.")
-    return None, _as_index(np.frombuffer(data, dtype))
+    try:
+        found = np.lib.format.open_memmap(path, mode="r")  # which takes no memory
+    except Exception:  # a mere accident of the bytes decides which
+        raise ValueError(
+            f"{path}: it is cut or damaged, no npy file, or it holds pickled objects, which are "
+            "never read."
+        ) from None
+    if found.dtype.kind not in "iu" or found.ndim != 1 or not found.size:
+        raise ValueError(
+            f"{path}: it holds {found.dtype} {found.shape}; an array of whole numbers (n,) is "
+            "wanted."
+        )
+    if found.offset + found.nbytes != path.stat().st_size:
+        raise damaged(f"{path}: it is longer than its header says")
+    return None, _as_index(found)
 
 
 def _npz(path, mesh):

@@ -11,7 +11,7 @@ from facelab.checks import check_choice
 from facelab.files.obj_texture import texture_of, uncommented
 from facelab.files.parts import MeshFile, check_coordinates, triangles_of
 from facelab.files.pictures import or_left_out
-from facelab.files.words import listed
+from facelab.files.words import damaged, listed
 from facelab.storage import atomic_path, existing_file
 
 _KEYWORDS = set(  # of the format, beside v, vt, vn, f, fo, o and g: passed over
@@ -245,9 +245,7 @@ def _refuse_vertex(path, number, words):
                     f"{at} has decimal commas, but OBJ has points; export it again, with the "
                     "program set to English numbers."
                 )
-            raise ValueError(
-                f"{at} holds no numbers ({_shown([word])}); the file is damaged, export it again."
-            )
+            raise damaged(f"{at} holds no numbers ({_shown([word])})")
     if len(words) < 4:
         raise ValueError(f"{at} has not three coordinates.")
     if len(words) not in (4, 5, 7, 8):

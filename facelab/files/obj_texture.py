@@ -11,6 +11,7 @@ import re
 import numpy as np
 
 from facelab.files.pictures import MOST_BYTES, bytes_beside, most_seen, picture
+from facelab.files.words import damaged
 from facelab.geometry.texture import Texture
 
 _COMMENT = re.compile(rb"(?:^|\s)#")
@@ -66,9 +67,7 @@ def _coordinates(path, places):
     except ValueError:
         uv = np.full((1, 2), np.nan)
     if not (np.abs(uv) < 1e4).all():
-        raise ValueError(
-            f"{path}: lines that start with 'vt' do not all hold sound numbers; export it again."
-        )
+        raise damaged(f"{path}: lines that start with 'vt' do not all hold sound numbers")
     return uv * [1, -1] + [0, 1]
 
 

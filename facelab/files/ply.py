@@ -7,6 +7,7 @@ import numpy as np
 
 from facelab.checks import as_finite, check_choice
 from facelab.files.parts import MeshFile, check_coordinates, triangles_of
+from facelab.files.words import damaged
 from facelab.storage import atomic_path, existing_file
 
 _TYPES = {
@@ -91,9 +92,9 @@ def _header(path, data):
                 raise ValueError(f"{at}: the property {words[-1]!r} is there twice.")
             elements[-1][2][words[-1]] = _property(words)
         else:
-            raise ValueError(f"{at} is no line of a PLY header; export the file again.")
+            raise damaged(f"{at} is no line of a PLY header")
     if form is None:
-        raise ValueError(f"{path}: the header names no format; export the file again.")
+        raise damaged(f"{path}: the header names no format")
     for name, count, columns in elements:
         if count and not columns:
             raise ValueError(f"{path}: element {name!r} has {count} rows but no properties.")
@@ -125,10 +126,9 @@ class _Rows:
         width = sum(np.dtype(types[0]).itemsize for types in columns.values())
         left = len(self.body) - self.at
         if count * (width if self.form else 1) > left:
-            raise ValueError(
-                f"{self.path}: the file ends early: the header promises {count} rows of "
-                f"{name!r}, and {left} {'bytes' if self.form else 'rows'} are left; export it "
-                "again."
+            raise damaged(
+                f"{self.path}: the file ends early: the header promises {count} rows of {name!r}, "
+                f"and {left} {'bytes' if self.form else 'rows'} are left"
             )
         if not count:
             nothing = np.empty(0, dtype=int)
@@ -195,10 +195,7 @@ class _Rows:
                     at += types[0].itemsize
                     step *= n_items
                 if step < 0 or at + step > len(self.body):
-                    raise ValueError(
-                        f"{self.path}: row {row} of {name!r} does not fit into the file; it was "
-                        "cut short or is damaged, export it again."
-                    )
+                    raise damaged(f"{self.path}: row {row} of {name!r} does not fit into the file")
                 where[column][row] = at
                 at += step
         self.at = at
@@ -265,9 +262,9 @@ class _Rows:
         if wrong.any():
             row = int(np.flatnonzero(wrong)[0])
             text = b" ".join(rows[row]).decode(errors="replace")[:60]
-            raise ValueError(
+            raise damaged(
                 f"{self.path}: row {row} of {name!r}, {text!r}, has not as many values as the "
-                "header and its own counts promise; export the file again."
+                "header and its own counts promise"
             )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from facelab.checks import check_number, check_type
 from facelab.files.gltf_read import GltfScene
 from facelab.files.meshes import check_kind, unit_of
+from facelab.files.npz import mesh_arrays
 from facelab.files.obj import read_obj_file, read_obj_polygons, read_obj_rows
 from facelab.files.words import distinct, listed
 from facelab.geometry.mesh import TriangleMesh
@@ -59,8 +60,8 @@ def read_rig(path, mesh=None, scale=None, neutral=None):
     -------
     BlendshapeRig
         Millimetres. Names as in the file; `parts` are the other meshes of the file (eyes, teeth),
-        `source` tells where all came from, `neutral.texture` is the picture of base colours of
-        GLB, glTF and VRM (PNG or JPEG); that of OBJ files is not read.
+        `source` tells where all came from, `neutral.texture` is the picture of base colours
+        (PNG or JPEG).
 
     Raises
     ------
@@ -196,11 +197,9 @@ def _from_folder(folder, mesh, scale, neutral):
     rest = _neutral_of(folder, files, neutral)
     rest_lines = read_obj_rows(files[rest])[1]
     base = read_obj_file(files.pop(rest))
-    kept = np.arange(len(base.vertices)) if mesh is None else base.vertices_of(mesh)
-    new = np.full(len(base.vertices), -1)
-    new[kept] = np.arange(len(kept))
-    V = base.vertices[kept]
-    F = base.faces if mesh is None else new[base.faces[base.parts[mesh]]]
+    kept = slice(None) if mesh is None else base.vertices_of(mesh)
+    face = base.whole() if mesh is None else base.part(mesh)
+    V = face.vertices
     deltas, displaced = np.empty((len(files), len(V), 3), np.float32), []
     for k, file in enumerate(files.values()):
         shape, lines = read_obj_rows(file)
@@ -225,10 +224,7 @@ def _from_folder(folder, mesh, scale, neutral):
             stacklevel=3,
         )
     scale = _unit(folder, V, deltas, unit_of(".obj"), scale)
-    texture = base.texture
-    if texture is not None and mesh is not None:
-        texture = texture.on(base.parts[mesh])
-    read = SimpleNamespace(vertices=V, faces=F, deltas=deltas, texture=texture)
+    read = SimpleNamespace(vertices=V, faces=face.faces, deltas=deltas, texture=face.texture)
     rest_mesh, deltas, index, apart = _welded(folder, read, scale)
     source = RigSource(str(folder / f"{rest}.obj"), mesh or rest, index, scale, apart)
     return BlendshapeRig(rest_mesh, list(files), deltas, source=source)
@@ -307,19 +303,16 @@ def write_rig(path, rig):
     """
     check_type(rig, "rig", BlendshapeRig, "give a rig")
     check_face_size(rig.neutral.vertices, "rig")
-    marks, people = rig.neutral.landmarks, rig.identities
+    people = rig.identities
     save_npz(
         path,
         "rig",
         1,
-        vertices=rig.neutral.vertices,
-        faces=rig.neutral.faces,
         names=np.array(rig.names, dtype=str),
         deltas=rig.deltas,
-        landmark_names=np.array(list(marks), dtype=str),
-        landmarks=np.array(list(marks.values()), dtype=np.int64),
         identity_names=np.array(list(people), dtype=str),
         identities=np.array(list(people.values())).reshape(-1, rig.neutral.n_vertices, 3),
+        **mesh_arrays(rig.neutral),
     )
 
 

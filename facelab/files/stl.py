@@ -5,6 +5,7 @@ import re
 import numpy as np
 
 from facelab.files.parts import MeshFile, check_coordinates
+from facelab.files.words import damaged
 from facelab.storage import existing_file
 
 _FACET = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("extra", "<u2")])
@@ -42,9 +43,9 @@ def read_stl_file(path):
         corners, parts = _text(path, path.read_bytes())
     else:
         if size != 84 + 50 * promised:
-            raise ValueError(
+            raise damaged(
                 f"{path}: not a whole STL file: {size} bytes, but its header promises {promised} "
-                f"triangles, which take {84 + 50 * promised}; export it again."
+                f"triangles, which take {84 + 50 * promised}"
             )
         facets = np.fromfile(path, _FACET, offset=84)
         corners, parts = facets["corners"].reshape(-1, 3).astype(float), {}
@@ -59,10 +60,7 @@ def _text(path, data):
     marks = list(_SOLID.finditer(data))
     begins, ends = marks[::2], marks[1::2]
     if len(begins) != len(ends) or any(m[1] for m in begins) or not all(m[1] for m in ends):
-        raise ValueError(
-            f"{path}: its lines 'solid' and 'endsolid' do not alternate; the file was cut short or "
-            "is damaged, export it again."
-        )
+        raise damaged(f"{path}: its lines 'solid' and 'endsolid' do not alternate")
     gaps = zip(ends, [*(m.start() for m in begins[1:]), len(data)], strict=True)
     for end, ahead in gaps:
         if data[end.end() : ahead].strip():

@@ -1,4 +1,4 @@
-"""How readers and writers say names: a few of many, and each of them once."""
+"""How readers and writers say it: a few names of many, each name once, and what is damaged."""
 
 from collections import Counter
 
@@ -45,3 +45,8 @@ def distinct(names, form="{} ({})"):
             taken.add(new)
         found.append(new)
     return found
+
+
+def damaged(text):
+    """The error for a file that contradicts itself, of its name, the place and what is there."""
+    return ValueError(f"{text}; the file is damaged, export it again.")

@@ -8,7 +8,7 @@ import numpy as np
 
 from facelab.files.markers.rules import marker_sequence, resolve_names, warn
 from facelab.files.text import text_lines
-from facelab.files.words import listed
+from facelab.files.words import damaged, listed
 
 _BLOCK = 2**22  # characters parsed together
 _BLANK = " \t,;"  # a line of these alone holds nothing
@@ -38,9 +38,8 @@ class Lines:
             return None
         self.number, line, self.whole = found
         if "\r" in line:
-            raise ValueError(
-                f"{self.path}, line {self.number}: a carriage return in the middle of the line; "
-                "export the file again."
+            raise damaged(
+                f"{self.path}, line {self.number}: a carriage return in the middle of the line"
             )
         return line
 
@@ -92,7 +91,7 @@ def stated(path, text, what, whole=False):
         raise ValueError(f"{path}: {what} is {text[:40]!r}, which is no such number; repair it.")
     number = int(text) if whole else float(text.replace(",", "."))
     if number == 0:
-        raise ValueError(f"{path}: {what} is 0; export it again.")
+        raise damaged(f"{path}: {what} is 0")
     return number
 
 
@@ -175,10 +174,7 @@ def read_table(path, lines, table, fps, subject):
     if n == 0:
         raise ValueError(f"{path}: no frames below the header.")
     if table.n_frames is not None and n != table.n_frames:
-        raise ValueError(
-            f"{path}: the header counts {table.n_frames} frames, but {n} rows follow; export it "
-            "again."
-        )
+        raise damaged(f"{path}: the header counts {table.n_frames} frames, but {n} rows follow")
     numbers = np.concatenate(numbers)
     counted = {key: np.concatenate(parts) for key, parts in counted.items()}
     rate, slots = _beat(path, table, counted, numbers, fps)
@@ -242,9 +238,8 @@ def _trimmed(path, lines, table, rows):
             if number == lines.number and not lines.whole and count < n_columns:
                 warn(path, table.report, f"line {number}, the last, is cut short: left out", 7)
                 break
-            raise ValueError(
-                f"{path}, line {number}: {count} values, but the header has {n_columns} columns; "
-                "export it again."
+            raise damaged(
+                f"{path}, line {number}: {count} values, but the header has {n_columns} columns"
             )
         fitting.append((number, row))
     return fitting

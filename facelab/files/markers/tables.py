@@ -15,7 +15,7 @@ from facelab.files.markers.rows import (
     stated,
 )
 from facelab.files.markers.rules import MM_PER_UNIT, checked, factor_of, judged
-from facelab.files.words import listed
+from facelab.files.words import damaged, listed
 
 _NEXUS_PARTS = ("trajectories", "devices", "joints", "model outputs", "events")
 _AXIS_NAME = re.compile(r"(.*?)[\s_.:|-]*([xyzXYZ])(?:\s*[\[(]([^\])]*)[\])])?")
@@ -81,9 +81,9 @@ def _triples(path, number, columns):
         three = columns[i : i + 3]
         if "".join(axis for _, axis, _ in three) != "XYZ" or len({n for n, _, _ in three}) > 1:
             name, _, column = three[0]
-            raise ValueError(
+            raise damaged(
                 f"{path}, line {number}: {name} in column {column + 1} is not followed by its X, Y "
-                "and Z; export it again."
+                "and Z"
             )
         markers.append((three[0][0], tuple(column for _, _, column in three)))
     if not markers:
@@ -96,10 +96,7 @@ def _widened(path, row, width):
     while len(row) > width and not row[-1]:
         row = row[:-1]
     if len(row) > width:
-        raise ValueError(
-            f"{path}: a row of its header has {len(row)} cells, the row of axes {width}; export it "
-            "again."
-        )
+        raise damaged(f"{path}: a row of its header has {len(row)} cells, the row of axes {width}")
     return row + [""] * (width - len(row))
 
 
@@ -180,7 +177,7 @@ def _nexus(path, lines, head, unit):
     _, line = _header_row(path, lines, "the units")
     units = cells(line, delimiter)
     if axes[0].lower() != "frame":
-        raise ValueError(f"{path}, line {number}: should start with Frame; export it again.")
+        raise damaged(f"{path}, line {number}: should start with Frame")
     width = len(axes)
     while width > 2 and not axes[width - 1]:
         width -= 1
@@ -229,18 +226,12 @@ def _qualisys(path, lines, first, unit):
     names = [name.strip() for name in about.get("MARKER_NAMES", "").split("\t") if name.strip()]
     n_markers = stated(path, about.get("NO_OF_MARKERS", ""), "NO_OF_MARKERS", True)
     if not names or n_markers not in (None, len(names)):
-        raise ValueError(
-            f"{path}: NO_OF_MARKERS is {n_markers}, but MARKER_NAMES has {len(names)}; export it "
-            "again."
-        )
+        raise damaged(f"{path}: NO_OF_MARKERS is {n_markers}, but MARKER_NAMES has {len(names)}")
     width = len(line.rstrip("\t ").split("\t"))
     before = max(width - 3 * len(names), 0)
     titles = [title.lower() for title in titles]
     if before > 2:
-        raise ValueError(
-            f"{path}, line {lines.number + 1}: {width} values for {len(names)} markers; export it "
-            "again."
-        )
+        raise damaged(f"{path}, line {lines.number + 1}: {width} values for {len(names)} markers")
     frame = titles.index("frame") if "frame" in titles[:before] else None
     time = titles.index("time") if "time" in titles[:before] else None
     if before and frame is None and time is None:
