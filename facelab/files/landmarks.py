@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from facelab.checks import as_finite, check_index, check_number, check_type
 from facelab.files.json_items import load_json
-from facelab.files.text import text_lines
+from facelab.files.text import as_number, text_lines
 from facelab.files.words import damaged, listed
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.storage import StoredArrays, atomic_path, existing_file
@@ -24,7 +24,6 @@ _NUMBERED = {68: MULTI_PIE, 51: MULTI_PIE[17:]}  # lists without names in an ord
 _MOST = 4_000_000  # bytes; a file of landmarks has some thousands
 _FAR = 5.0  # mm from the mesh: a landmark that belongs to another one, or another unit
 _INTEGER = re.compile(r"-?\d{1,15}", re.ASCII)
-_NUMBER = re.compile(r"[-+0-9.,eE]+", re.ASCII)
 _HEADER = {*"name names label landmark index indices idx vertex id x y z".split()}
 _UP = ("eye_right_outer", "eye_left_outer", "chin", "nose_tip")
 
@@ -218,8 +217,8 @@ def _picked(path):
         ) from None
     names, rows = [], []
     for k, point in enumerate(root.iter("point"), 1):
-        row = [_number(point.get(axis, "")) for axis in "xyz"]
-        if not all(map(math.isfinite, row)):
+        row = [as_number(point.get(axis, "")) for axis in "xyz"]
+        if None in row or not np.isfinite(row).all():
             at = [f"{axis}={point.get(axis)!r}" for axis in "xyz"]
             raise ValueError(
                 f"{path}: point {k} has {', '.join(at)[:90]}; x, y and z must be numbers."
@@ -232,13 +231,6 @@ def _picked(path):
     if all(_INTEGER.fullmatch(n) for n in names):  # MeshLab numbers what has no name
         names = None
     return names, np.array(rows)
-
-
-def _number(text):
-    try:
-        return float(text.replace(",", ".")) if _NUMBER.fullmatch(text) else math.nan
-    except ValueError:
-        return math.nan
 
 
 def _nearest(path, mesh, labels, points):
@@ -275,7 +267,7 @@ def _listed(path, mesh):
     for at, line, _ in text_lines(path, "list of landmarks"):
         words = [w.strip("\"'") for w in re.split(r"[\s,;:=\[\]()]+", line.split("#")[0]) if w]
         if words and (lines or not {w.lower() for w in words} <= _HEADER):
-            name = [] if math.isfinite(_number(words[0])) else [words.pop(0)]
+            name = [] if as_number(words[0]) is not None else [words.pop(0)]
             lines.append((at, line.strip()[:60], name, words))
     if not lines:
         raise ValueError(f"{path}: no vertices in it.")
@@ -283,7 +275,7 @@ def _listed(path, mesh):
     points = any(len(w) == 3 and (n or not _whole(w)) for _, _, n, w in lines)
     for (at, shown, _, words), own in zip(lines, named, strict=True):
         if points:
-            good = len(words) == 3 and all(math.isfinite(_number(w)) for w in words)
+            good = len(words) == 3 and None not in map(as_number, words)
         else:
             good = _whole(words) and (len(words) == 1 or not own)
         if not good:
@@ -295,7 +287,7 @@ def _listed(path, mesh):
             raise ValueError(f"{path}, line {at}: some landmarks have a name and others none.")
     names = [name for _, _, [name], _ in lines] if named[0] else None
     if points:
-        return names, np.array([[_number(w) for w in words] for _, _, _, words in lines])
+        return names, np.array([list(map(as_number, words)) for _, _, _, words in lines])
     return names, np.array([int(w) for _, _, _, words in lines for w in words], dtype=np.int64)
 
 

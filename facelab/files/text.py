@@ -130,7 +130,7 @@ class TextTable:
         self._lines = text_lines(path, what)
         self.delimiter = None
         self.header_line, line = self._first_line()
-        self.delimiter = self.delimiter or _delimiter(line)
+        self.delimiter = self.delimiter or delimiter_of(line)
         self.header = [name.strip() for name in self.cells(self.header_line, line)]
         while self.header and not self.header[-1]:
             self.header.pop()
@@ -180,14 +180,14 @@ class TextTable:
             Naming file, line, column and cell.
         """
         text = cell.strip(" ")
-        if not _NUMBER.fullmatch(text):
+        value = as_number(text)
+        if value is None:
             shown = text if len(text) <= 40 else text[:40] + "..."
             raise ValueError(
                 f"{self.path}, line {number}, column {name}: "
                 + (f"{shown!r} is no number" if text else "the cell is empty")
                 + "; repair it, or empty all numbers of the row if nothing was seen there."
             )
-        value = float(text.replace(",", "."))
         if abs(value) > 1e300:
             raise ValueError(
                 f"{self.path}, line {number}, column {name}: {text[:40]} is beyond what is counted."
@@ -195,6 +195,20 @@ class TextTable:
         return value
 
 
-def _delimiter(line):
+def as_number(text):
+    """The number that a text is, as a float, with a point or a comma; None if it is none.
+
+    No number is `1_0`, NaN, infinity or another alphabet's; what is too large becomes infinite.
+
+    Examples
+    --------
+    >>> as_number("0,5"), as_number("1_0")
+    (0.5, None)
+    """
+    return float(text.replace(",", ".")) if _NUMBER.fullmatch(text) else None
+
+
+def delimiter_of(line):
+    """What parts the cells of a line: tab, semicolon or comma."""
     bare = re.sub(r'"[^"]*"', "", line)
     return max("\t;,", key=bare.count) if any(d in bare for d in "\t;,") else ","

@@ -9,12 +9,12 @@ from facelab.files.markers.rows import (
     Lines,
     Table,
     cells,
-    delimiter_of,
     left_out,
     read_table,
     stated,
 )
 from facelab.files.markers.rules import MM_PER_UNIT, checked, factor_of, judged
+from facelab.files.text import delimiter_of
 from facelab.files.words import damaged, listed
 
 _NEXUS_PARTS = ("trajectories", "devices", "joints", "model outputs", "events")
