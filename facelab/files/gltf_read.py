@@ -221,9 +221,8 @@ class GltfScene:
                 f"{len(bones)}"
             )
         joints = np.where(weights > 0, joints, 0)
-        total = weights.sum(axis=1, keepdims=True)
-        share = np.where(total > 0, weights / np.where(total > 0, total, 1), 0)
-        share[total[:, 0] <= 0, 0] = 1  # tied to nothing: the first joint carries it
+        weights[weights.sum(axis=1) <= 0, 0] = 1  # tied to nothing: the first joint carries it
+        share = weights / weights.sum(axis=1, keepdims=True)
         placed = np.zeros((len(joints), 4, 4))
         for column in range(joints.shape[1]):
             placed += share[:, column, None, None] * M[joints[:, column]]
@@ -305,10 +304,11 @@ class GltfScene:
             raise damaged(
                 f"{self.path}: {accessors[index].place}, element {row}, holds NaN or infinity"
             )
-        joints, weights, n = [], [], 0
+        none = np.zeros((count, 0))
+        joints, weights, n = [none], [none], 0
         while f"JOINTS_{n}" in attributes and f"WEIGHTS_{n}" in attributes:
             joints.append(data.attribute(primitive, f"JOINTS_{n}", "VEC4", wholes=True))
-            weights.append(data.attribute(primitive, f"WEIGHTS_{n}", "VEC4").astype(float))
+            weights.append(data.attribute(primitive, f"WEIGHTS_{n}", "VEC4"))
             if not (weights[-1] >= 0).all():  # neither NaN
                 raise damaged(
                     f"{self.path}: {attributes.at(f'WEIGHTS_{n}')} holds weights that are negative "
@@ -326,25 +326,20 @@ class GltfScene:
         return {
             "key": None if data.draco(primitive) else (index, tuple(at), ties),
             "V": V,
-            "joints": np.hstack(joints).astype(np.int64) if n else None,
-            "weights": np.hstack(weights) if n else None,
+            "joints": np.hstack(joints).astype(np.int64),
+            "weights": np.hstack(weights),
             "targets": at if shapes else [],
         }
 
     def _joints(self, kept):
         """Joints and weights of all vertices; None where no primitive has them."""
-        if all(own["joints"] is None for own in kept):
+        width = max(own["joints"].shape[1] for own in kept)
+        if not width:
             return None, None
-        width = max(own["joints"].shape[1] for own in kept if own["joints"] is not None)
-        joints, weights = [], []
-        for own in kept:
-            J, W = own["joints"], own["weights"]
-            if J is None:
-                J, W = np.zeros((len(own["V"]), 1), int), np.zeros((len(own["V"]), 1))
-            pad = ((0, 0), (0, width - J.shape[1]))
-            joints.append(np.pad(J, pad))
-            weights.append(np.pad(W, pad))
-        return np.vstack(joints), np.vstack(weights)
+        return [
+            np.vstack([np.pad(own[w], ((0, 0), (0, width - own[w].shape[1]))) for own in kept])
+            for w in ("joints", "weights")
+        ]
 
     def _faces(self, primitive, begin, count):
         """Triangles of one primitive, numbered from `begin`."""

@@ -126,8 +126,7 @@ def read_obj_file(path, bad_faces="refuse"):
         texture = or_left_out(
             texture_of, path, lines.places, lines.libraries, lines.materials, own, owner
         )
-    parts = {n: np.flatnonzero(m) for n, m in _parts(lines.sections, owner).items()}
-    return MeshFile(path, V, F, parts, texture=texture)
+    return MeshFile(path, V, F, _parts(lines.sections, owner), texture=texture)
 
 
 class _Lines:
@@ -313,7 +312,7 @@ def _mixed_corners(path, polygons):
 
 
 def _parts(sections, owner):
-    """Triangles of each object and group, as masks; a name of both is the object's."""
+    """Triangles of each object and group; a name of both is the object's."""
     parts, starts = {}, {}
     for kind in (b"o", b"g"):
         own = [(begin, names) for begin, word, names in sections if word == kind]
@@ -327,7 +326,7 @@ def _parts(sections, owner):
         for begin, end in runs:
             mask |= (owner >= begin) & (owner < end)
         if mask.any():
-            parts[name] = mask
+            parts[name] = np.flatnonzero(mask)
     return parts
 
 

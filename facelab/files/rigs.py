@@ -12,7 +12,7 @@ from facelab.files.gltf_read import GltfScene
 from facelab.files.meshes import check_kind, unit_of
 from facelab.files.npz import mesh_arrays
 from facelab.files.obj import read_obj_file, read_obj_polygons, read_obj_rows
-from facelab.files.words import distinct, listed
+from facelab.files.words import distinct, listed, quoted
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size, face_scale, longest_side
 from facelab.geometry.welding import alike, same_place, shrunk
@@ -110,14 +110,15 @@ def _from_gltf(path, mesh, scale):
     scene = GltfScene(path)
     chosen = None if mesh is None else scene.find(mesh)
     shaped = [name for k, name in enumerate(scene.names) if scene.n_targets(k)]
-    if not shaped or (chosen is not None and not scene.n_targets(chosen)):
-        found = f"has no morph targets, but {', '.join(shaped)}" if shaped else "no morph targets"
+    if not shaped:
         raise ValueError(
-            f"{scene.path}: {found} in it; export it with shape keys (Blender: File > Export > "
-            "glTF 2.0, Data > Mesh > Shape Keys), or read it with read_mesh."
-            if not shaped
-            else f"{scene.path}: mesh={mesh!r} has no morph targets; those with some are "
-            f"{', '.join(map(repr, shaped))}."
+            f"{scene.path}: no morph targets in it; export it with shape keys (Blender: File > "
+            "Export > glTF 2.0, Data > Mesh > Shape Keys), or read it with read_mesh."
+        )
+    if chosen is not None and not scene.n_targets(chosen):
+        raise ValueError(
+            f"{scene.path}: mesh={mesh!r} has no morph targets; those with some are "
+            f"{quoted(shaped, 20)}."
         )
     parts = [scene.part(k, shapes=True, texture=True) for k in range(len(scene.names))]
     names = [_distinct(scene.path, part) for part in parts]

@@ -149,6 +149,7 @@ def test_a_table_without_time_needs_its_rate(read, sep):
         ("time", [f"{i / 30:.4f}" for i in range(6)]),
         ("Timestamp", [f"{1.6e9 + i / 30:.4f}" for i in range(6)]),
         ("timestamp_ms", [f"{1000 * i / 30:.1f}" for i in range(6)]),
+        ("Time (Seconds)", [f"{i / 30:.4f}" for i in range(6)]),
         ("timeCode", [code(i) for i in range(26, 32)]),
         ("t", [f"00:00:{i / 30:06.3f}" for i in range(6)]),
     ],

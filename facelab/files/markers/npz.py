@@ -9,7 +9,10 @@ from facelab.files.markers.rules import (
     marker_sequence,
     resolve_names,
 )
+from facelab.files.words import listed
 from facelab.storage import StoredArrays
+
+_KNOWN = ("positions", "names", "fps", "unit")
 
 
 def read_marker_arrays(path, unit=None, fps=None, subject=None):
@@ -25,6 +28,9 @@ def read_marker_arrays(path, unit=None, fps=None, subject=None):
         if fps is None:
             fps = _rate(path, stored)
         said = str(stored.read("unit", (), "U")) if "unit" in stored else None
+        others = [name for name in stored.names if name not in _KNOWN]
+    if others:
+        report.append(f"{len(others)} other array(s) left out ({listed(others)})")
     if unit is None and said is None:
         report.append("no unit in the file: taken as millimetres; another with unit=")
     names, kept = resolve_names(path, labels, subject, report)

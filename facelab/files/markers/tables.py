@@ -14,16 +14,12 @@ from facelab.files.markers.rows import (
     stated,
 )
 from facelab.files.markers.rules import MM_PER_UNIT, checked, factor_of, judged
-from facelab.files.text import delimiter_of
+from facelab.files.text import delimiter_of, time_columns
 from facelab.files.words import damaged, listed
 
 _NEXUS_PARTS = ("trajectories", "devices", "joints", "model outputs", "events")
 _AXIS_NAME = re.compile(r"(.*?)[\s_.:|-]*([xyzXYZ])(?:\s*[\[(]([^\])]*)[\])])?")
-_FRAME_NAMES = ("frame", "frames", "frame#", "frame number", "framenumber", "field", "field #", "")
 _NUMBERED = re.compile(r"(\w*?)_?([XYZ])_(\d{1,3})")  # X_0 of OpenFace, where pose_Rx is no marker
-_TIME_NAME = re.compile(
-    r"(?:time|t|timestamp|times|seconds|sec)(?:[\s_]*[\[(]?(s|sec|seconds|ms|milliseconds)[\])]?)?"
-)
 
 
 def read_marker_table(path, unit=None, fps=None, subject=None):
@@ -260,8 +256,9 @@ def _plain(path, lines, first, unit):
         raise ValueError(f"{path}: several units in one table: {listed(units)}.")
     if unit is None and not units:
         report.append("no unit in the file: taken as millimetres; another with unit=")
+    per_second = 1000.0 if found.milliseconds else 1.0
     return Table(
-        titles, found.markers, delimiter, found.frame, found.time, found.per_second,
+        titles, found.markers, delimiter, found.frame, found.time, per_second,
         factor=factor_of(path, (units or ["mm"])[0], unit, "the unit"), report=report,
     )  # fmt: skip
 
@@ -288,26 +285,22 @@ def _titles(lines, first, delimiter):
 class _Columns:
     """The columns of a plain table by what they are."""
 
+    time: int
+    milliseconds: bool
+    frame: int
     markers: list = field(default_factory=list)
-    frame: int = None
-    time: int = None
-    per_second: float = 1.0
     units: set = field(default_factory=set)
     others: list = field(default_factory=list)
 
 
 def _sorted_out(path, number, titles):
-    found, axes_of, unit_of = _Columns(), {}, {}
+    found, axes_of, unit_of = _Columns(*time_columns(titles, coded=False)), {}, {}
     numbered = {i: m for i, m in enumerate(map(_NUMBERED.fullmatch, titles)) if m}
     for i, title in enumerate(titles):
-        timed = _TIME_NAME.fullmatch(title.lower())
         named = None if numbered else _AXIS_NAME.fullmatch(title)
-        if found.frame is None and i < 3 and title.lower() in _FRAME_NAMES:
-            found.frame = i
-        elif found.time is None and timed:
-            found.time = i
-            found.per_second = 1000.0 if (timed[1] or "").startswith("m") else 1.0
-        elif named and named[1]:
+        if i in (found.frame, found.time):
+            continue
+        if named and named[1]:
             axes = axes_of.setdefault(named[1], {})
             if named[2].lower() in axes:
                 raise ValueError(f"{path}, line {number}: two columns are called {title}.")

@@ -22,17 +22,16 @@ _WHOLE = (b"{}", b"[]")  # a line that begins and ends so is a text of JSON by i
 _COUNTS = {"numframes": 0, "framecount": 0, "nframes": 0, "numposes": 1, "numblendshapes": 1}
 
 
-def _recording(path, header, matrix, names, fps=None, codes=None, left_out=(), what="frame"):
+def _recording(path, header, matrix, names, fps=None, codes=None, left_out=()):
     """A recording of a matrix with a name for each column, time among them."""
     columns = weight_columns(header, f"{path}", names)
     numbers = list(columns.numbers)
-    rows = list(range(len(matrix)))
     found = Recording(
         path=path,
         names=list(columns.numbers.values()),
         values=matrix[:, numbers],
-        rows=rows,
-        what=what,
+        rows=list(range(len(matrix))),
+        what="frame",
         codes=codes,
         fps=fps,
         others={name: matrix[:, k] for k, name in columns.others.items()},
@@ -44,7 +43,7 @@ def _recording(path, header, matrix, names, fps=None, codes=None, left_out=(), w
         frames = matrix[:, columns.frame]
         if (frames % 1 != 0).any():
             row = int(np.flatnonzero(frames % 1 != 0)[0])
-            raise ValueError(f"{path}, {what} {row}: frame number {frames[row]} is none.")
+            raise ValueError(f"{path}, frame {row}: frame number {frames[row]} is none.")
         found.frames = frames.astype(int).tolist()
     if left_out:
         found.warned.append(f"no numbers for each frame, left out: {', '.join(left_out)}")
@@ -145,6 +144,12 @@ def _number(value, place):
     return float(value)
 
 
+def _numbers(values, places):
+    """Numbers of a list, NaN for null."""
+    pairs = zip(values, places, strict=True)
+    return [np.nan if value is None else _number(value, place) for value, place in pairs]
+
+
 def _of_frames(path, rows, names, shapes, fps):
     """Frames one by one: lists beside `shapes`, or tables of names, bare or under a word."""
     header, read, codes, left_out = shapes and list(shapes), [], [], set()
@@ -179,13 +184,7 @@ def _of_frames(path, rows, names, shapes, fps):
         time = [k for k in beside if normalised(k) in _TIMES]
         codes += [_code(beside[k], normalised(k), f"{place}, {k}") for k in time[:1]]
         left_out |= {*beside} - {*time[:1]}
-        read.append(
-            row
-            and [
-                np.nan if v is None else _number(v, f"{place}, {name}")
-                for v, name in zip(row, header, strict=True)
-            ]
-        )
+        read.append(row and _numbers(row, [f"{place}, {name}" for name in header]))
     if codes and len(codes) < len(rows):
         raise ValueError(f"{path}: only {len(codes)} of {len(rows)} frames have a time.")
     if not header:
@@ -232,13 +231,7 @@ def _of_columns(path, content, names, fps):
         sizes = listed(f"{k} {len(v)}" for k, v in lists.items())
         raise ValueError(f"{path}: lists of different length: {sizes}; each needs all frames.")
     matrix = np.array(
-        [
-            [
-                np.nan if v is None else _number(v, f"{path}, {k}, frame {i}")
-                for i, v in enumerate(c)
-            ]
-            for k, c in lists.items()
-        ]
+        [_numbers(c, [f"{path}, {k}, frame {i}" for i in range(len(c))]) for k, c in lists.items()]
     )
     left_out = [k for k in content if k not in lists and normalised(k) not in (*_FPS, *_COUNTS)]
     return _recording(path, list(lists), matrix.T, names, fps, None, left_out)

@@ -3,11 +3,9 @@
 import re
 from dataclasses import dataclass, field
 
+from facelab.files.text import time_columns
 from facelab.names import ARKIT, canonical, normalised
 
-_TIME = ("timecode", "time", "times", "timestamp", "timestamps", "seconds", "sec", "secs", "t")
-_MILLISECONDS = ("ms", "milliseconds", "timems", "timestampms", "timestampsms")
-_FRAME = ("frame", "frames", "frameid", "framenumber", "frameindex", "frameno", "index", "idx")
 _COUNT = "blendshapecount"
 _INTENSITY = re.compile(r"AU\d\d_r")
 
@@ -135,19 +133,10 @@ def weight_columns(header, place, names=None):
 
 
 def _timed(header):
-    columns = Columns()
+    time, milliseconds, frame = time_columns(header)
     keys = [normalised(name) for name in header]
-    for k, key in enumerate(keys):
-        if key == "fps" and columns.fps is None:
-            columns.fps = k
-        elif key == _COUNT and columns.count is None:
-            columns.count = k
-        elif columns.frame is None and (key in _FRAME or (k == 0 and not header[0])):
-            columns.frame = k
-    for key in (*_TIME, *_MILLISECONDS):  # the one that tells most
-        if key in keys and columns.time is None:
-            columns.time, columns.milliseconds = keys.index(key), key in _MILLISECONDS
-    return columns
+    fps, count = (keys.index(key) if key in keys else None for key in ("fps", _COUNT))
+    return Columns(time, count, frame, fps, milliseconds)
 
 
 def _is_arkit(names):

@@ -69,7 +69,7 @@ def read_live_link_csv(path, fps=None, scale=None, repeats="lost"):
 
 def read_live_link(table, fps, scale, repeats, stacklevel):
     """As `read_live_link_csv`, of a table of which the header is read."""
-    place = f"{table.path}, line {table.header_line}"
+    place = table.place(table.header_line)
     columns = live_link_columns(table.header, place, timed=fps is None)
     found = read_rows(table, columns, _rejoined(table, columns.time))
     weights = [n for n in found.names if n not in ANGLES]

@@ -81,7 +81,7 @@ class _Reader:
 
     def add(self, number, cells, plain):
         """Take one row in; nothing of it is kept if it is refused."""
-        self.last, columns, place = number, self.columns, f"{self.table.path}, line {number}"
+        self.last, columns, place = number, self.columns, self.table.place(number)
         if len(cells) != self.width:
             cells = self._fitted(cells, place)
         picked, counted = self.pick(cells), None
@@ -125,16 +125,11 @@ class _Reader:
         return cells
 
     def _whole(self, number, column, cells):
-        name, text = self.table.header[column], cells[column].strip()
-        if not (text.isascii() and text.isdigit() and len(text) < 16):
-            value = self.table.number(number, name or f"{column + 1}", text)
-            if value % 1 or not 0 <= value < 1e15:
-                raise ValueError(
-                    f"{self.table.path}, line {number}, column {name or column + 1}: {text!r} is "
-                    "no whole number."
-                )
-            return int(value)
-        return int(text)
+        name, text = self.table.header[column] or f"{column + 1}", cells[column].strip()
+        value = self.table.number(number, name, text)
+        if value % 1 or not 0 <= value < 1e15:
+            raise ValueError(f"{self.table.place(number, name)}: {text!r} is no whole number.")
+        return int(value)
 
     def _lost(self, picked, counted, place):
         for name, cell in zip(self.names, picked, strict=True):
@@ -172,7 +167,7 @@ class _Reader:
             self.count = counted
         elif counted != self.count:
             raise ValueError(
-                f"{self.table.path}, line {number}: the row counts {counted} weights, those before "
+                f"{self.table.place(number)}: the row counts {counted} weights, those before "
                 f"{self.count}; one of them is damaged."
             )
 
@@ -182,12 +177,12 @@ class _Reader:
             rate = self.table.number(number, self.table.header[self.columns.fps], text)
             if rate <= 0:
                 raise ValueError(
-                    f"{self.table.path}, line {number}: a rate of {text.strip()} frames a second; "
+                    f"{self.table.place(number)}: a rate of {text.strip()} frames a second; "
                     "it must be more than 0."
                 )
         elif text.strip() != self.fps:
             raise ValueError(
-                f"{self.table.path}, line {number}: here should be {self.fps} frames a second, as "
+                f"{self.table.place(number)}: here should be {self.fps} frames a second, as "
                 f"above, but there is {text.strip()[:40]!r}; the table was cut or edited."
             )
 

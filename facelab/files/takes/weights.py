@@ -12,7 +12,6 @@ from facelab.files.takes.live_link import read_live_link
 from facelab.files.takes.recording import as_take
 from facelab.files.takes.rows import read_rows
 from facelab.files.text import TextTable
-from facelab.files.words import listed
 from facelab.motion import WeightSequence
 from facelab.names import ANGLES
 from facelab.storage import atomic_path
@@ -79,7 +78,7 @@ def read_weights(path, fps=None, scale=None, names=None):
         table = TextTable(path, "table of weights")
         if names is None and is_live_link(table.header):
             return read_live_link(table, fps, scale, "lost", 4)
-        place = f"{table.path}, line {table.header_line}"
+        place = table.place(table.header_line)
         if table.header[:2] == ["frame", "fps"] and names is None:
             found = _ours(table, place)
         else:
@@ -88,7 +87,9 @@ def read_weights(path, fps=None, scale=None, names=None):
             if columns.intensities:
                 scale = _of_openface(found, scale)
     if found.others:
-        found.warned.append(f"no weights, kept apart in others: {listed(found.others, 12)}")
+        others = list(found.others)
+        more = f", ... ({len(others)})" if len(others) > 12 else ""
+        found.warned.append(f"no weights, kept apart in others: {', '.join(others[:12])}{more}")
     return as_take(found, fps, scale)
 
 

@@ -165,6 +165,14 @@ def test_a_row_of_empty_cells_is_a_frame_without_markers(tmp_path, P):
     check(read(tmp_path, trc(P, NAMES), "take.trc"), P, 60)
 
 
+def test_time_codes_beside_markers_are_left_out(tmp_path, P):
+    lines = plain(P, NAMES, timed=False).split()
+    lines = ["TimeCode," + lines[0]] + [f"10:00:00:{i:02d},{v}" for i, v in enumerate(lines[1:])]
+    take = read(tmp_path, "\n".join(lines) + "\n", fps=30)
+    check(take, P, 30)
+    assert "1 other column(s) left out (TimeCode)" in take.report.notes
+
+
 def test_a_name_above_three_axes(tmp_path, P):
     head = ["frame"] + [n for name in NAMES for n in (name, "", "")]
     lines = [",".join(head), ",".join([""] + list("xyz") * 7)]
