@@ -147,6 +147,18 @@ def _weights(weights, columns, rows, n_control):
     return W
 
 
+def stored_rate(stored, what):
+    """Frames a second of an npz file as float, None where it has none; refused if not above 0."""
+    if "fps" not in stored:
+        return None
+    rate = stored.read("fps", kinds="iuf")
+    if rate.size != 1 or not 0 < rate.ravel()[0] < np.inf:
+        raise ValueError(
+            f"{stored.path}: fps is {rate.tolist()!s:.60}, but must be one {what} above 0."
+        )
+    return float(rate.ravel()[0])
+
+
 def mesh_arrays(mesh):
     """The arrays of a mesh with its landmarks, as npz files of facelab hold them: dict."""
     names, places = list(mesh.landmarks), list(mesh.landmarks.values())

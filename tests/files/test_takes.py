@@ -323,6 +323,15 @@ def test_categories_of_mediapipe_are_weights(tmp_path, form):
     np.testing.assert_allclose(take.weights[take.valid], W[take.valid])
 
 
+def test_a_line_of_json_that_is_damaged_is_named(tmp_path):
+    lines = [json.dumps({"time": i / 25, "a": 0.5}) for i in range(9)]
+    for k, change in ((4, lambda s: s.replace(":", ";")), (8, lambda s: s[:-6])):
+        text = "\n".join(change(line) if i == k else line for i, line in enumerate(lines))
+        (tmp_path / "w.jsonl").write_text(text)
+        with pytest.raises(ValueError, match=rf"w\.jsonl, line {k + 1}, column \d+: no JSON from"):
+            read_weights(tmp_path / "w.jsonl")
+
+
 def test_two_faces_in_a_frame_are_refused(tmp_path):
     faces = [[categories([0.5] * 52, ARKIT)] * 2] * 3
     (tmp_path / "w.json").write_text(json.dumps([{"face_blendshapes": f} for f in faces]))

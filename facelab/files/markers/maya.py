@@ -1,5 +1,6 @@
 """Maya ASCII scenes: the curves of markers in, by a small reader of nothing else."""
 
+import contextlib
 import re
 from itertools import pairwise
 
@@ -133,20 +134,15 @@ class _Scene:
                 continue
             n = int(last or first) - int(first) + 1
             values = numbers.split()
-            if _STRANGE.search(numbers) or len(values) != 2 * n or int(first) != len(times):
+            pairs = np.full((n, 2), np.nan)
+            if not _STRANGE.search(numbers) and len(values) == 2 * n and int(first) == len(times):
+                with contextlib.suppress(ValueError):
+                    pairs = np.array(values, dtype=float).reshape(-1, 2)
+            if not np.isfinite(pairs).all():
                 raise ValueError(
                     f"{self.path}: damaged: the keys {first} to {last or first} of the curve "
                     f"{name} are not {2 * n} numbers that follow the {len(times)} before; save it "
                     "again."
-                )
-            try:
-                pairs = np.array(values, dtype=float).reshape(-1, 2)
-            except ValueError:
-                pairs = np.full((n, 2), np.nan)
-            if not np.isfinite(pairs).all():
-                raise ValueError(
-                    f"{self.path}: damaged: the curve {name} has keys that are no numbers, in "
-                    f"{first} to {last or first}; save it again."
                 )
             times.extend(pairs.tolist())
         keys = np.array(times).reshape(-1, 2)

@@ -9,6 +9,7 @@ from facelab.files.markers.rules import (
     marker_sequence,
     resolve_names,
 )
+from facelab.files.npz import stored_rate
 from facelab.files.words import listed
 from facelab.storage import StoredArrays
 
@@ -26,7 +27,9 @@ def read_marker_arrays(path, unit=None, fps=None, subject=None):
             raise stored.refused("positions holds no frames")
         positions = stored.read("positions", ("n_frames", len(labels), 3), "iuf")
         if fps is None:
-            fps = _rate(path, stored)
+            fps = stored_rate(stored, "number")
+        if fps is None:
+            raise ValueError(f"{path}: no frame rate in it; say it with fps=.")
         said = str(stored.read("unit", (), "U")) if "unit" in stored else None
         others = [name for name in stored.names if name not in _KNOWN]
     if others:
@@ -43,12 +46,3 @@ def read_marker_arrays(path, unit=None, fps=None, subject=None):
         with np.errstate(over="ignore"):  # refused where all is checked
             positions *= keep(factor)
     return judged(path, marker_sequence(path, positions, names, fps, report))
-
-
-def _rate(path, stored):
-    if "fps" not in stored:
-        raise ValueError(f"{path}: no frame rate in it; say it with fps=.")
-    rate = stored.read("fps", kinds="iuf")
-    if rate.size != 1 or not 0 < rate.ravel()[0] < np.inf:
-        raise ValueError(f"{path}: fps is {rate.tolist()!s:.60}, but must be one number above 0.")
-    return float(rate.ravel()[0])

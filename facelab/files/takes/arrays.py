@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 
+from facelab.files.npz import stored_rate
 from facelab.files.takes.columns import weight_columns
 from facelab.files.takes.recording import Recording
 from facelab.files.words import listed
@@ -97,6 +98,18 @@ def read_json_recording(path, names=None):
 
 
 def _parsed(path):
+    """What a file holds, or a list of what each of its lines does."""
+    text = path.read_bytes()
+    lines = [(k, line.strip()) for k, line in enumerate(text.splitlines()) if line.strip()]
+    by_line = path.suffix.lower() in (".jsonl", ".ndjson")
+    if by_line or (len(lines) > 1 and all(line[:1] + line[-1:] in _WHOLE for _, line in lines)):
+        return [_value(path, line, k) for k, line in lines]
+    return _value(path, text)
+
+
+def _value(path, text, above=0):
+    """The value of a JSON text, below so many lines of its file."""
+
     def unique(pairs):
         keys = [k for k, _ in pairs]
         twice = sorted({k for k in keys if keys.count(k) > 1}) if len({*keys}) < len(keys) else []
@@ -110,21 +123,14 @@ def _parsed(path):
     def whole(digits):
         return int(digits) if len(digits) < 16 else float(digits)
 
-    def parsed(text):
-        return json.loads(text, object_pairs_hook=unique, parse_constant=constant, parse_int=whole)
-
-    text = path.read_bytes()
-    lines = [line for line in text.splitlines() if line.strip()]
     try:
-        if len(lines) > 1 and all(line.strip()[:1] + line.strip()[-1:] in _WHOLE for line in lines):
-            return [parsed(line) for line in lines]  # a frame in each line
-        return parsed(text)
+        return json.loads(text, object_pairs_hook=unique, parse_constant=constant, parse_int=whole)
     except _OursError as error:
         raise ValueError(str(error)) from None
     except json.JSONDecodeError as error:
         raise ValueError(
-            f"{path}, line {error.lineno}, column {error.colno}: no JSON from here on; the file is "
-            "cut or damaged."
+            f"{path}, line {above + error.lineno}, column {error.colno}: no JSON from here on; the "
+            "file is cut or damaged."
         ) from None
     except (UnicodeDecodeError, RecursionError):
         raise ValueError(f"{path}: no JSON text; the file is damaged or of another kind.") from None
@@ -244,12 +250,7 @@ def read_npz_recording(path, names=None):
     """The rows of an npz file of weights; see `read_weights` for its forms."""
     path = existing_file(path, _NPZ)
     with open(path, "rb") as file, StoredArrays(path, file, _NPZ) as stored:
-        fps = None
-        if "fps" in stored:
-            fps = stored.read("fps", kinds="fiu")
-            if fps.size != 1 or not 0 < fps.ravel()[0] < np.inf:
-                raise ValueError(f"{path}: fps is {fps.tolist()}, but must be one rate above 0.")
-            fps = float(fps.ravel()[0])
+        fps = stored_rate(stored, "rate")
         if "weights" in stored:
             return _of_matrix(path, stored, names, fps)
         tracks = [k for k in stored.names if k != "fps" and len(stored.shape(k)) == 1]
