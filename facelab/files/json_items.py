@@ -99,19 +99,19 @@ class Item:
         """A whole number that counts the items of a list of the file."""
         return self.whole(key, high=len(of) - 1)
 
+    def _of(self, kind, key, default, wanted):
+        value = self.value.get(key, default)
+        if value is not default and not isinstance(value, kind):
+            raise self.wrong(key, wanted)
+        return value
+
     def flag(self, key):
         """True or false; false where it is missing."""
-        value = self.value.get(key, False)
-        if not isinstance(value, bool):
-            raise self.wrong(key, "true or false")
-        return value
+        return self._of(bool, key, False, "true or false")
 
     def text(self, key, default=None):
         """A text; the default where it is missing."""
-        value = self.value.get(key, default)
-        if value is not default and not isinstance(value, str):
-            raise self.wrong(key, "a text")
-        return value
+        return self._of(str, key, default, "a text")
 
     def numbers(self, key, count=None, default=None):
         """A list of `count` finite numbers; the default where it is missing."""
@@ -125,30 +125,29 @@ class Item:
 
     def texts(self, key):
         """A list of texts, empty where it is missing."""
-        value = self.value.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+        value = self._of(list, key, [], "a list of texts")
+        if not all(isinstance(v, str) for v in value):
             raise self.wrong(key, "a list of texts")
         return value
 
+    def listed(self, key, wanted):
+        """A list as an object whose keys are places; empty where it is missing."""
+        value = self._of(list, key, [], wanted)
+        return Item(dict(enumerate(value)), self.path, self.at(key))
+
     def wholes(self, key, of=None):
         """A list of whole numbers from 0 up, below the length of `of`; empty where missing."""
-        value = self.value.get(key, [])
-        if not isinstance(value, list):
-            raise self.wrong(key, "a list of whole numbers")
-        listed = Item(dict(enumerate(value)), self.path, self.at(key))
+        listed = self.listed(key, "a list of whole numbers")
         return [listed.whole(k, high=None if of is None else len(of) - 1) for k in listed.value]
 
     def item(self, key):
         """An object within; empty where it is missing."""
-        value = self.value.get(key, {})
-        if not isinstance(value, dict):
-            raise self.wrong(key, "an object")
-        return Item(value, self.path, self.at(key))
+        return Item(self._of(dict, key, {}, "an object"), self.path, self.at(key))
 
     def items(self, key):
         """A list of objects within, empty where it is missing."""
-        value = self.value.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(v, dict) for v in value):
+        value = self._of(list, key, [], "a list of objects")
+        if not all(isinstance(v, dict) for v in value):
             raise self.wrong(key, "a list of objects")
         return [Item(v, self.path, f"{self.at(key)}[{k}]") for k, v in enumerate(value)]
 

@@ -164,16 +164,13 @@ def _ljson(path, top):
             )
         top = groups.item(next(iter(groups.value)))
     held = top.item("landmarks")
-    if not isinstance(held.value.get("points"), list):
-        raise held.wrong("points", "a list of points")
-    listed = dict(enumerate(held.value["points"]))
-    rows = [_point(type(held)(listed, path, held.at("points")), k) for k in listed]
+    points = held.listed("points", "a list of points")
+    rows = [_point(points, k) for k in points.value]
     names = [None] * len(rows)
     for label in top.items("labels"):
         mask = label.value.get("mask")
-        if isinstance(mask, list) and len(mask) == len(rows) and all(m in (0, 1) for m in mask):
-            if any(isinstance(m, bool) for m in mask):  # as some write it; menpo lists places
-                label.value["mask"] = [k for k, m in enumerate(mask) if m]
+        if isinstance(mask, list) and len(mask) == len(rows) and {*map(type, mask)} == {bool}:
+            label.value["mask"] = np.flatnonzero(mask).tolist()  # as some write it; menpo's way
         mask = label.wholes("mask", of=rows)
         text = label.text("label", "")
         for k, v in enumerate(mask):

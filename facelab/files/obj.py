@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from facelab.checks import check_choice
 from facelab.files.obj_texture import texture_of, uncommented
 from facelab.files.parts import MeshFile, check_coordinates, triangles_of
 from facelab.files.pictures import or_left_out
@@ -101,7 +100,6 @@ def read_obj_polygons(path):
 
 def read_obj_file(path, bad_faces="refuse"):
     """All that an OBJ file holds, its objects and groups as parts: a `MeshFile`; as `read_obj`."""
-    check_choice(bad_faces, "bad_faces", ("refuse", "leave out"))
     path = existing_file(path, "OBJ file")
     lines = _Lines(path)
     V = _vertices(path, lines.vertices)

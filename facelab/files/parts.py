@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from facelab.checks import check_choice
 from facelab.files.words import listed
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.polygons import triangulate
@@ -118,6 +119,7 @@ def triangles_of(path, V, corners, counts, bad_faces, place, lacks, words):
     kept : ndarray of bool, shape (n_corners,)
         The corners of good polygons.
     """
+    check_choice(bad_faces, "bad_faces", ("refuse", "leave out"))
     owner = np.repeat(np.arange(len(counts)), counts)
     reasons = {k: words[0].format(counts[k]) for k in np.flatnonzero(counts < 3).tolist()}
     for at in np.flatnonzero((corners < 0) | (corners >= len(V)))[::-1].tolist():

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 
-from facelab.checks import as_finite, check_choice
+from facelab.checks import as_finite
 from facelab.files.parts import MeshFile, check_coordinates, triangles_of
 from facelab.files.words import damaged
 from facelab.storage import atomic_path, existing_file
@@ -37,7 +37,6 @@ def read_ply_file(path, bad_faces="refuse"):
     FileNotFoundError, ValueError
         For a missing, empty or damaged file; the message names the row.
     """
-    check_choice(bad_faces, "bad_faces", ("refuse", "leave out"))
     path = existing_file(path, "PLY file")
     data = path.read_bytes()
     form, elements, start = _header(path, data)
