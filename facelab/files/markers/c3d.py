@@ -16,7 +16,6 @@ import numpy as np
 from facelab.files.markers.rules import (
     checked,
     factor_of,
-    judged,
     marker_sequence,
     resolve_names,
     warn,
@@ -61,11 +60,11 @@ def read_c3d(path, unit=None, fps=None, subject=None):
     ----------
     The C3D file format user guide, www.c3d.org.
     """
-    return judged(path, parse_c3d(path, unit, fps, subject))
+    return parse_c3d(path, unit, fps, subject)
 
 
-def parse_c3d(path, unit=None, fps=None, subject=None):
-    """As `read_c3d`, without a word about the size of what was captured."""
+def parse_c3d(path, unit=None, fps=None, subject=None, judge=True):
+    """As `read_c3d`, on wish without a word about the size of what was captured."""
     path, fps = checked(path, "C3D file", unit, fps, subject)
     report = []
     with open(path, "rb") as file:
@@ -81,7 +80,7 @@ def parse_c3d(path, unit=None, fps=None, subject=None):
     screen = [values.text(f"POINT:{axis}_SCREEN") for axis in "XY"]
     said = f"; the file calls {screen[0][0]} right, {screen[1][0]} up" if all(screen) else ""
     report.append(f"axes as in the file, which C3D leaves open{said}")
-    return marker_sequence(path, positions, names, fps, report)
+    return marker_sequence(path, positions, names, fps, report, judge)
 
 
 # --- header and parameters ------------------------------------------------------------------------

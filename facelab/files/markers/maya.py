@@ -9,7 +9,6 @@ import numpy as np
 from facelab.files.markers.rules import (
     checked,
     factor_of,
-    judged,
     marker_sequence,
     resolve_names,
     warn,
@@ -75,7 +74,7 @@ def read_maya(path, unit=None, fps=None, subject=None):
     with np.errstate(over="ignore"):
         positions *= factor
     fps = rate if fps is None else fps
-    return judged(path, marker_sequence(path, positions, names, fps, report))
+    return marker_sequence(path, positions, names, fps, report)
 
 
 class _Scene:

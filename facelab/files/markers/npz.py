@@ -5,7 +5,6 @@ import numpy as np
 from facelab.files.markers.rules import (
     checked,
     factor_of,
-    judged,
     marker_sequence,
     resolve_names,
 )
@@ -45,4 +44,4 @@ def read_marker_arrays(path, unit=None, fps=None, subject=None):
     if factor != 1:
         with np.errstate(over="ignore"):  # refused where all is checked
             positions *= keep(factor)
-    return judged(path, marker_sequence(path, positions, names, fps, report))
+    return marker_sequence(path, positions, names, fps, report)

@@ -13,7 +13,7 @@ from facelab.files.markers.rows import (
     read_table,
     stated,
 )
-from facelab.files.markers.rules import MM_PER_UNIT, checked, factor_of, judged
+from facelab.files.markers.rules import MM_PER_UNIT, checked, factor_of
 from facelab.files.text import delimiter_of, time_columns
 from facelab.files.words import damaged, listed
 
@@ -67,7 +67,7 @@ def read_marker_table(path, unit=None, fps=None, subject=None):
         table = _qualisys(path, lines, start[1], unit)
     else:
         table = _plain(path, lines, start[1], unit)
-    return judged(path, read_table(path, lines, table, fps, subject))
+    return read_table(path, lines, table, fps, subject)
 
 
 def _triples(path, number, columns):

@@ -1,7 +1,7 @@
 """TRC, the marker tables of Motion Analysis and OpenSim: in."""
 
 from facelab.files.markers.rows import Lines, Table, cells, read_table, stated
-from facelab.files.markers.rules import checked, factor_of, judged
+from facelab.files.markers.rules import checked, factor_of
 from facelab.files.words import damaged
 
 
@@ -33,7 +33,7 @@ def read_trc(path, unit=None, fps=None, subject=None):
     """
     path, fps = checked(path, "TRC file", unit, fps, subject)
     lines = Lines(path, "TRC file")
-    return judged(path, read_table(path, lines, _header(path, lines, unit), fps, subject))
+    return read_table(path, lines, _header(path, lines, unit), fps, subject)
 
 
 def _header(path, lines, unit):
