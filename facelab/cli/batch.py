@@ -158,7 +158,8 @@ def plan(inputs, out, endings, results, to, report, together=False, folders_are_
     else:
         ending = results[0] if to is None else f".{to}"
         jobs = [Job((f,), out / f"{f.stem}{ending}") for f in files]
-    same = [j.target for j in jobs if any(_same(j.target, s) for s in j.sources)]
+    there = [job for job in jobs if job.target.exists()]
+    same = [j.target for j in there if any(j.target.samefile(s) for s in j.sources)]
     if same:
         raise UsageError(f"-o {out} would overwrite {same[0]}, which is read; choose another.")
     return jobs
@@ -172,10 +173,6 @@ def _files_of(folder, endings, report):
     if not good:
         raise UsageError(f"{folder} holds no file of the kinds {', '.join(endings)}.")
     return good
-
-
-def _same(a, b):
-    return a.exists() and a.samefile(b)
 
 
 # --- running them ---------------------------------------------------------------------------------
@@ -226,7 +223,8 @@ def _left(jobs, report, options):
     """The jobs that are to be done; those done before and those that clash are reported."""
     taken, left = {}, []
     for job in jobs:
-        first = taken.setdefault(_key(job.target), job)
+        # file systems may not tell cases apart
+        first = taken.setdefault(str(job.target).casefold(), job)
         if first is not job:
             why = f"{first.label} makes {job.target} already; give one of them another name."
             _failed(report, job, why, [])
@@ -235,10 +233,6 @@ def _left(jobs, report, options):
         else:
             left.append(job)
     return left
-
-
-def _key(target):
-    return str(target).casefold()  # file systems that do not tell cases apart
 
 
 def _make_folder(folder):

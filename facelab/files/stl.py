@@ -18,6 +18,7 @@ _WORDS = [  # of one facet, and what each line of it should be
     (rb"endloop", "'endloop'"),
     (rb"endfacet", "'endfacet'"),
 ]
+_XYZ = [8, 9, 10, 12, 13, 14, 16, 17, 18]  # words of a facet that are coordinates
 _FACETS = re.compile(rb"\s*+(?:" + b"".join(w + rb"\s++" for w, _ in _WORDS) + rb")*+", re.I)
 _SOLID = re.compile(rb"^[ \t]*+(end)?solid\b[ \t]*+([^\r\n]*+)", re.I | re.M)
 
@@ -72,11 +73,8 @@ def _text(path, data):
         if not _FACETS.fullmatch(block):
             _refuse_text(path, block, data[: begin.end()].count(b"\n") + 1)
         words = block.split()
-        xyz = [
-            np.array(words[k::21], dtype=float) for k in (*(8, 9, 10), *(12, 13, 14), *(16, 17, 18))
-        ]
-        corners.append(np.stack(xyz, axis=1).reshape(-1, 3))
-        faces = np.arange(n_faces, n_faces + len(xyz[0]))
+        corners.append(np.array(words).reshape(-1, 21)[:, _XYZ].astype(float).reshape(-1, 3))
+        faces = np.arange(n_faces, n_faces + len(words) // 21)
         n_faces += len(faces)
         if len(faces):
             name = begin[2].decode(errors="replace").strip() or "solid"

@@ -54,19 +54,13 @@ def live_link_columns(header, place, timed=True):
     ValueError
         For columns without a name or with the same, no time code, or no weight of ARKit.
     """
-    columns = Columns()
+    _refuse_nameless(header, place)
+    keys = [normalised(name) for name in header]
+    columns = Columns(time=_first("timecode", keys), count=_first(_COUNT, keys))
     for k, name in enumerate(header):
-        key, known = normalised(name), canonical(name)
-        if not name:
-            raise ValueError(f"{place}: column {k + 1} has no name; name it, or remove it.")
-        if key == "timecode" and columns.time is None:
-            columns.time = k
-        elif key == _COUNT and columns.count is None:
-            columns.count = k
-        elif known:
-            columns.numbers[k] = known
-        else:
-            columns.others[k] = name
+        if k not in (columns.time, columns.count):
+            known = canonical(name)
+            (columns.numbers if known else columns.others)[k] = known or name
     if (columns.time is None and timed) or not {*columns.numbers.values()} & {*ARKIT}:
         what = "Timecode" if columns.numbers else "a weight of ARKit (JawOpen, EyeBlinkLeft, ...)"
         raise ValueError(
@@ -103,14 +97,10 @@ def weight_columns(header, place, names=None):
     ValueError
         For columns without a name or with the same, or names that are not there.
     """
-    header = list(header)
-    columns, rest = _timed(header), []
+    header, columns = list(header), _timed(header)
+    _refuse_nameless(header, place, but=columns.frame)
     told = (columns.time, columns.count, columns.frame, columns.fps)
-    for k, name in enumerate(header):
-        if not name and k != columns.frame:
-            raise ValueError(f"{place}: column {k + 1} has no name; name it, or remove it.")
-        if k not in told:
-            rest.append(k)
+    rest = [k for k in range(len(header)) if k not in told]
     if names is not None:
         missing = [n for n in names if n not in header]
         if missing:
@@ -135,8 +125,11 @@ def weight_columns(header, place, names=None):
 def _timed(header):
     time, milliseconds, frame = time_columns(header)
     keys = [normalised(name) for name in header]
-    fps, count = (keys.index(key) if key in keys else None for key in ("fps", _COUNT))
-    return Columns(time, count, frame, fps, milliseconds)
+    return Columns(time, _first(_COUNT, keys), frame, _first("fps", keys), milliseconds)
+
+
+def _first(key, keys):
+    return keys.index(key) if key in keys else None
 
 
 def _is_arkit(names):
@@ -144,6 +137,12 @@ def _is_arkit(names):
     ends = [name.split(".")[-1].split(":")[-1].lower() for name in names]
     found = {*ends} & {name.lower() for name in ARKIT}
     return 2 * len(found) >= max(len(ARKIT), len(names))
+
+
+def _refuse_nameless(header, place, but=None):
+    for k, name in enumerate(header):
+        if not name and k != but:
+            raise ValueError(f"{place}: column {k + 1} has no name; name it, or remove it.")
 
 
 def _refuse_doubles(names, header, place):

@@ -35,7 +35,7 @@ class Recording:
     what : str
         What `rows` count: "line", "frame".
     codes : list of str, optional
-        Time code of each row.
+        Time code of each row, without blanks around it.
     frames : list of int, optional
         Frame number of each row.
     fps : float, optional
@@ -318,7 +318,7 @@ def _timed(found, fps):
         if found.codes is not None:
             found.notes.append(f"time codes not used: fps={fps:g} was given")
     elif found.codes is not None:
-        return timing(found.codes, found.rows, found.path, found.what)
+        return timing(found)
     elif found.fps is not None:
         fps = found.fps
     else:

@@ -99,7 +99,7 @@ class _Reader:
         if columns.fps is not None:
             self._same_fps(number, cells[columns.fps])
         if columns.time is not None:
-            self.codes.append(cells[columns.time])
+            self.codes.append(cells[columns.time].strip())
         for k, column in self.others.items():
             column.append(cells[k].strip())
         self.rows.append(number)
