@@ -162,6 +162,12 @@ def test_time_is_known_by_its_name(read, name, times):
     assert read(table([name, "a"], zip(times, W[:, 0], strict=True)), fps=24).fps == 24
 
 
+def test_a_weight_beyond_all_is_named_with_its_value_beside_angles_in_degrees(read):
+    rows = [[f"{i / 30:.4f}", 45 + i, 5 if i == 3 else 0.1] for i in range(9)]
+    with pytest.raises(ValueError, match="line 5, column a: 5 is no weight of 0 to 1"):
+        read(table(["time", "HeadYaw", "a"], rows))
+
+
 def test_a_row_missing_in_time_is_a_lost_frame(read):
     take = read(table(["time", "a"], [[f"{i / 50:.3f}", 0.5] for i in (0, 1, 2, 5, 6, 7)]))
     np.testing.assert_array_equal(take.valid, [1, 1, 1, 0, 0, 1, 1, 1])

@@ -252,7 +252,8 @@ def _checked(found, face, is_angle, scale):
         )
         rest = [k for k in range(len(found.names)) if k not in degrees]
         found.names = [found.names[k] for k in rest]
-        values, is_angle = values[:, rest], is_angle[rest]
+        found.values = values = values[:, rest]
+        is_angle = is_angle[rest]
     wide = [found.names[k] for k in np.flatnonzero(is_angle) if _turn(values[:, k]) > 1.01 * np.pi]
     if wide:
         found.warned.append(
