@@ -143,18 +143,16 @@ class GltfData:
             if uri is None and index == 0 and self.binary is not None:
                 data = self.binary
                 if len(data) - length > 3:
-                    raise damaged(
-                        f"{self.path}: {item.at('byteLength')} is {length}, but the binary chunk "
-                        f"has {len(data)} bytes"
+                    raise item.damaged(
+                        f"is {length}, but the binary chunk has {len(data)} bytes", "byteLength"
                     )
             elif uri is None:
-                raise damaged(f"{self.path}: {item.place} has no data")
+                raise item.damaged("has no data")
             else:
                 data = self.from_uri(item, uri)
             if len(data) < length:
-                raise damaged(
-                    f"{self.path}: {item.at('byteLength')} is {length}, but its data end after "
-                    f"{len(data)} bytes"
+                raise item.damaged(
+                    f"is {length}, but its data end after {len(data)} bytes", "byteLength"
                 )
             self._buffers[index] = memoryview(data)[:length]
         return self._buffers[index]
@@ -191,10 +189,7 @@ class GltfData:
         data = self._buffer(item.index("buffer", self.lists["buffers"]))
         start, length = item.whole("byteOffset", 0), item.whole("byteLength", low=1)
         if start + length > len(data):
-            raise damaged(
-                f"{self.path}: {item.place} ends at byte {start + length}, but its buffer has "
-                f"{len(data)}"
-            )
+            raise item.damaged(f"ends at byte {start + length}, but its buffer has {len(data)}")
         return data[start : start + length]
 
     def _unpacked(self, item, packed):
@@ -207,9 +202,9 @@ class GltfData:
         ):
             raise packed.wrong("mode", "ATTRIBUTES, TRIANGLES or INDICES with a stride that fits")
         if count * stride != item.whole("byteLength", low=1):
-            raise damaged(
-                f"{self.path}: {packed.place} has {count} elements of {stride} bytes, but its view "
-                f"has {item.value['byteLength']}"
+            raise packed.damaged(
+                f"has {count} elements of {stride} bytes, but its view has "
+                f"{item.value['byteLength']}"
             )
         self.need(count * stride, packed.place)
         try:
@@ -269,15 +264,13 @@ class GltfData:
         size = width * dtype.itemsize
         stride = stride or size
         if offset % dtype.itemsize or stride < size:
-            raise damaged(
-                f"{self.path}: {item.place} lies askew in its buffer view (offset {offset}, "
-                f"{stride} bytes from one element to the next of {size})"
+            raise item.damaged(
+                f"lies askew in its buffer view (offset {offset}, {stride} bytes from one element "
+                f"to the next of {size})"
             )
         end = offset + stride * (count - 1) + size
         if end > len(data):
-            raise damaged(
-                f"{self.path}: {item.place} needs {end} bytes, but its buffer view has {len(data)}"
-            )
+            raise item.damaged(f"needs {end} bytes, but its buffer view has {len(data)}")
         strides = (stride, dtype.itemsize)
         return np.ndarray((count, width), dtype, data, offset, strides)
 
@@ -291,7 +284,7 @@ class GltfData:
         rows = self._read(where, np.dtype(COMPONENTS[component]), 1, count)
         rows = rows[:, 0].astype(np.int64)
         if (np.diff(rows) <= 0).any() or rows[-1] >= len(base):
-            raise damaged(f"{self.path}: {where.place} must ascend and stay below {len(base)}")
+            raise where.damaged(f"must ascend and stay below {len(base)}")
         out = base.copy()
         out[rows] = self._read(values, dtype, width, count)
         return out
@@ -324,19 +317,15 @@ class GltfData:
             found = packed[0].get_attribute_by_unique_id(packed[1].whole(semantic))
             array = None if found is None else np.asarray(found["data"])
             if array is None or array.shape != (count, _WIDTHS[kind]):
-                raise damaged(
-                    f"{self.path}: {primitive.place}: its Draco data do not hold the {count} "
-                    f"{semantic} that the file promises"
+                raise primitive.damaged(
+                    f"has Draco data that do not hold the {count} {semantic} it promises"
                 )
             if wholes or array.dtype.kind == "f":
                 return array
             return self._numbers(accessors[index], array, array.dtype)
         array = self.array(index, kind, wholes)
         if len(array) != count:
-            raise damaged(
-                f"{self.path}: {attributes.at(semantic)} has {len(array)} elements, but POSITION "
-                f"{count}"
-            )
+            raise attributes.damaged(f"has {len(array)} elements, but POSITION {count}", semantic)
         return array
 
     # --- Draco ------------------------------------------------------------------------------------
@@ -362,8 +351,6 @@ class GltfData:
             except Exception:  # DracoPy has no one kind of its own
                 mesh = None
             if not isinstance(mesh, DracoPy.DracoMesh):  # or it is a cloud of points
-                raise damaged(
-                    f"{self.path}: {packed.place}: its Draco data are damaged or hold no triangles"
-                )
+                raise packed.damaged("has Draco data that are damaged or hold no triangles")
             self._drawn[index] = mesh
         return self._drawn[index], packed.item("attributes")

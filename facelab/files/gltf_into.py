@@ -22,7 +22,6 @@ from facelab.files.gltf_write import (
     glb_bytes,
     json_text,
 )
-from facelab.files.words import damaged
 from facelab.storage import atomic_path
 
 
@@ -205,9 +204,9 @@ class GltfEdit(GltfPieces):
         """An accessor of weights with columns for the new targets."""
         rows, n = self._data.array(at, "SCALAR"), self.n_targets
         if len(rows) % n:
-            raise damaged(
-                f"{self._data.path}: {sampler.at('output')} has {len(rows)} weights, which are no "
-                f"rows of {n}, the number of morph targets"
+            raise sampler.damaged(
+                f"has {len(rows)} weights, which are no rows of {n}, the number of morph targets",
+                "output",
             )
         rows = np.pad(rows.reshape(-1, n), ((0, 0), (0, len(self._new))))
         return self.accessor(rows.ravel(), "SCALAR")

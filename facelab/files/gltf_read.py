@@ -200,18 +200,15 @@ class GltfScene:
             return self._matrices[node]
         outside = [b for b in bones if b not in self._matrices]
         if outside:
-            raise damaged(
-                f"{self.path}: {skin.place} has the joint {outside[0]}, which is not in the scene"
-            )
+            raise skin.damaged(f"has the joint {outside[0]}, which is not in the scene")
         M = np.stack([self._matrices[b] for b in bones])
         if "inverseBindMatrices" in skin:
             accessors = self.data.lists["accessors"]
             index = skin.index("inverseBindMatrices", accessors)
             bind = self.data.array(index, "MAT4").astype(float).reshape(-1, 4, 4)
             if len(bind) < len(bones):
-                raise damaged(
-                    f"{self.path}: {skin.place} has {len(bones)} joints, but {len(bind)} inverse "
-                    "bind matrices"
+                raise skin.damaged(
+                    f"has {len(bones)} joints, but {len(bind)} inverse bind matrices"
                 )
             M = M @ bind.transpose(0, 2, 1)[: len(bones)]
         used = joints[weights > 0]
@@ -305,17 +302,15 @@ class GltfScene:
             joints.append(data.attribute(primitive, f"JOINTS_{n}", "VEC4", wholes=True))
             weights.append(data.attribute(primitive, f"WEIGHTS_{n}", "VEC4"))
             if not (weights[-1] >= 0).all():  # neither NaN
-                raise damaged(
-                    f"{self.path}: {attributes.at(f'WEIGHTS_{n}')} holds weights that are negative "
-                    "or no numbers"
+                raise attributes.damaged(
+                    "holds weights that are negative or no numbers", f"WEIGHTS_{n}"
                 )
             n += 1
         at = [t.index("POSITION", accessors) if "POSITION" in t else None for t in targets]
         for t, a in zip(targets, at, strict=True):
             if a is not None and data.count(a) != count:
-                raise damaged(
-                    f"{self.path}: {t.at('POSITION')} has {data.count(a)} elements, but the mesh "
-                    f"{count} vertices"
+                raise t.damaged(
+                    f"has {data.count(a)} elements, but the mesh {count} vertices", "POSITION"
                 )
         ties = tuple(attributes.value.get(f"JOINTS_{i}") for i in range(n))
         return {
@@ -345,9 +340,8 @@ class GltfScene:
             if "indices" in primitive:
                 promised = self.data.count(primitive.index("indices", accessors))
                 if promised != len(index):
-                    raise damaged(
-                        f"{self.path}: {primitive.place}: its Draco data hold {len(index)} "
-                        f"indices, but the file promises {promised}"
+                    raise primitive.damaged(
+                        f"has Draco data of {len(index)} indices, but promises {promised}"
                     )
             mode = 4
         elif "indices" in primitive:
@@ -356,14 +350,11 @@ class GltfScene:
         else:
             index = np.arange(count)
         if len(index) and index.max() >= count:
-            raise damaged(
-                f"{self.path}: {primitive.place} names vertex {index.max()}, but has {count}: 0 to "
-                f"{count - 1}"
+            raise primitive.damaged(
+                f"names vertex {index.max()}, but has {count}: 0 to {count - 1}"
             )
         if len(index) < 3 or (mode == 4 and len(index) % 3):
-            raise damaged(
-                f"{self.path}: {primitive.place} has {len(index)} indices, which make no triangles"
-            )
+            raise primitive.damaged(f"has {len(index)} indices, which make no triangles")
         if mode == 4:
             F = index.reshape(-1, 3)
         elif mode == 5:
@@ -394,9 +385,9 @@ class GltfScene:
             if isinstance(extras, dict) and "targetNames" in extras:
                 names = owner.item("extras").texts("targetNames")
                 if len(names) != n:
-                    raise damaged(
-                        f"{self.path}: {owner.at('extras.targetNames')} has {len(names)} names, "
-                        f"but the mesh {n} morph targets"
+                    raise owner.damaged(
+                        f"has {len(names)} names, but the mesh {n} morph targets",
+                        "extras.targetNames",
                     )
                 return list(names)
         return [_name_of(target) for target in primitives[0].items("targets")]

@@ -9,7 +9,6 @@ KHR_texture_transform.
 import numpy as np
 
 from facelab.files.pictures import MOST_BYTES, most_seen, picture
-from facelab.files.words import damaged
 from facelab.geometry.texture import Texture
 
 
@@ -70,9 +69,8 @@ def _places(data, primitive, place):
     semantic = f"TEXCOORD_{moved.whole('texCoord', place.whole('texCoord', 0), high=9)}"
     uv = data.attribute(primitive, semantic, "VEC2")
     if not (np.abs(uv) < 1e4).all():
-        raise damaged(
-            f"{data.path}: {primitive.item('attributes').at(semantic)} does not hold two sound "
-            f"numbers for each of {len(uv)} vertices"
+        raise primitive.item("attributes").damaged(
+            f"does not hold two sound numbers for each of {len(uv)} vertices", semantic
         )
     if moved.value.get("rotation", 0) != 0:
         raise moved.wrong("rotation", "0: textures that are turned are not read")

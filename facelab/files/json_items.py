@@ -4,6 +4,8 @@ import json
 import math
 import warnings
 
+from facelab.files.words import damaged
+
 
 def load_json(data, path, what):
     """The object in some bytes of JSON, as an `Item`.
@@ -80,6 +82,10 @@ class Item:
         """The error for a value that is not as it should be."""
         found = repr(self.value[key])[:60] if key in self.value else "missing"
         return ValueError(f"{self.path}: {self.at(key)} is {found}, but must be {wanted}.")
+
+    def damaged(self, what, key=None):
+        """The error for an object, or a value in it, that contradicts the rest of the file."""
+        return damaged(f"{self.path}: {self.place if key is None else self.at(key)} {what}")
 
     def whole(self, key, default=None, low=0, high=None):
         """A whole number from `low` to `high`; the default where it is missing, if there is one."""
