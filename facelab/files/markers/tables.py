@@ -19,6 +19,7 @@ from facelab.files.words import damaged, listed
 
 _NEXUS_PARTS = ("trajectories", "devices", "joints", "model outputs", "events")
 _AXIS_NAME = re.compile(r"(.*?)[\s_.:|-]*([xyzXYZ])(?:\s*[\[(]([^\])]*)[\])])?")
+_TURN = re.compile(r"(.*[\s_.:|-])?(?:r|rot|q|quat|v|vel|a|acc)")
 _NUMBERED = re.compile(r"(\w*?)_?([XYZ])_(\d{1,3})")  # X_0 of OpenFace, where pose_Rx is no marker
 
 
@@ -294,7 +295,7 @@ class _Columns:
 
 
 def _sorted_out(path, number, titles):
-    found, axes_of, unit_of = _Columns(*time_columns(titles, coded=False)), {}, {}
+    found, axes_of, unit_of, joined = _Columns(*time_columns(titles, coded=False)), {}, {}, set()
     numbered = {i: m for i, m in enumerate(map(_NUMBERED.fullmatch, titles)) if m}
     for i, title in enumerate(titles):
         named = None if numbered else _AXIS_NAME.fullmatch(title)
@@ -306,11 +307,13 @@ def _sorted_out(path, number, titles):
                 raise ValueError(f"{path}, line {number}: two columns are called {title}.")
             axes[named[2].lower()] = i
             unit_of[i] = named[3]
+            if named.end(1) == named.start(2):
+                joined.add(named[1])
         elif i in numbered:
             prefix, axis, count = numbered[i].groups()
             axes_of.setdefault(f"{prefix}_{count}".strip("_"), {})[axis.lower()] = i
     for name, axes in axes_of.items():
-        if len(axes) == 3:
+        if len(axes) == 3 and not _is_turn(name, joined, axes_of):
             found.markers.append((name, tuple(axes[axis] for axis in "xyz")))
     if not found.markers:
         raise ValueError(
@@ -322,3 +325,19 @@ def _sorted_out(path, number, titles):
     read |= {found.frame, found.time}
     found.others = [i for i in range(len(titles)) if i not in read]
     return found
+
+
+def _is_turn(name, joined, names):
+    """Whether columns are rotations or speeds of what others place: `Head_Rx` beside `Head_Tx`.
+
+    `joined` are the names that stand without a mark before their axis.
+    """
+    turn = _TURN.fullmatch(name.lower()) if name in joined else None
+    if turn is None:
+        return False
+    stem = turn[1] or ""
+    placed = {stem + word for word in ("t", "p", "pos", "trans")}
+    return any(
+        other.lower() in placed or (other not in joined and other.lower() == stem.rstrip(" _.:|-"))
+        for other in names
+    )
