@@ -6,7 +6,7 @@ import math
 import time
 import traceback
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -82,10 +82,8 @@ class Report:
 
     def as_dict(self):
         """All of it, ready for JSON: numbers that are none are null."""
-        names = "command arguments stopped done skipped failed not_reached passed_over".split()
-        return {"format": "facelab-report", "version": 1} | {
-            name: _ready(getattr(self, name)) for name in names
-        }
+        about = {"format": "facelab-report", "version": 1}
+        return about | _ready({f.name: getattr(self, f.name) for f in fields(self)})
 
     def write(self, path):
         """Write it as JSON, whole or not at all."""

@@ -67,7 +67,7 @@ def read_maya(path, unit=None, fps=None, subject=None):
     labels = [node.rpartition("|")[2] for node in nodes]
     names, kept = resolve_names(path, labels, subject, report)
     nodes = [list(nodes)[i] for i in kept]
-    factor = factor_of(path, scene.unit("l", "centimeter"), unit, "currentUnit -l")
+    factor = factor_of(path, scene.units.get("l", "centimeter"), unit, "currentUnit -l")
     positions, rate = scene.positions(nodes, report)
     if fps is not None:
         report.append(f"{fps:g} frames/s as said with fps=, not {rate:g}")
@@ -82,7 +82,8 @@ class _Scene:
 
     def __init__(self, path, text):
         self.path = path
-        self.units = dict(re.findall(r"-([lat]) ([\w.]+)", self._line(text, "currentUnit")))
+        units = re.search(r"(?m)^currentUnit\b.*$", text)
+        self.units = dict(re.findall(r"-([lat]) ([\w.]+)", units[0] if units else ""))
         self.parents, self.leaves, self.moved, self.curves = {}, {}, {}, {}
         starts = [m.start() for m in re.finditer(r"(?m)^(?=\w|//)", text)] + [len(text)]
         self.joined = {}
@@ -93,15 +94,6 @@ class _Scene:
                 ends = re.match(r'connectAttr [^"\n]*"([^"\n]+)" "([^"\n]+)"', text[a:b])
                 if ends:
                     self._join(*ends.groups())
-
-    @staticmethod
-    def _line(text, word):
-        found = re.search(rf"(?m)^{word}\b.*$", text)
-        return found[0] if found else ""
-
-    def unit(self, kind, default):
-        """Name of the unit of length ("l") or time ("t") of the scene; Maya's own by default."""
-        return self.units.get(kind, default)
 
     def _node(self, text):
         head = _NODE.match(text)
@@ -238,7 +230,7 @@ class _Scene:
         bare = int(np.isnan(positions).any(axis=2).sum())
         if bare:
             report.append(f"{bare} position(s) without a key taken for hidden")
-        named = self.unit("t", "film")
+        named = self.units.get("t", "film")
         found = re.fullmatch(r"(\d+(?:\.\d+)?)(?:fps|df)", named)
         per_second = float(found[1]) if found else _RATES.get(named)
         if not per_second:
