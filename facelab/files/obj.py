@@ -14,10 +14,11 @@ from facelab.files.words import damaged, listed
 from facelab.storage import atomic_path, existing_file
 
 _KEYWORDS = set(  # of the format, beside v, vt, vn, f, fo, o and g: passed over
-    b"vp deg bmat step cstype p l curv curv2 surf parm trim hole scrv sp end con s mg bevel "
-    b"c_interp d_interp lod usemtl mtllib usemap maplib shadow_obj trace_obj ctech stech call csh "
+    b"vp deg bmat step cstype p l parm trim hole scrv sp end con s mg bevel "
+    b"c_interp d_interp lod usemtl mtllib usemap maplib shadow_obj trace_obj ctech stech csh "
     b"bsp bzp cdc cdp res".split()
 )
+_FORMS = (b"surf", b"curv", b"curv2", b"call")  # what would be more of the mesh
 _NUMBER = re.compile(rb"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _NUMBERS = re.compile(rb"(?:[-+]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?+\d++)?+(?: |\Z))*+")
 _UNEVEN = (b"\\", b"\n ", b"\n\t", b"\r ", b"\r\t", b"\nv\t", b"\nf\t")  # goes on, or is set in
@@ -57,7 +58,8 @@ def read_obj(path, bad_faces="refuse"):
     Warns
     -----
     UserWarning
-        Naming lines that were left out, unknown keywords, texture coordinates or normals that are
+        Naming lines that were left out, unknown keywords, curves and surfaces that are no polygons,
+        texture coordinates or normals that are
         named but not there, and a texture that could not be read.
     """
     return read_obj_file(path, bad_faces).whole()
@@ -105,6 +107,12 @@ def read_obj_file(path, bad_faces="refuse"):
     V = _vertices(path, lines.vertices)
     corners, on_picture, counts = _corners(path, lines)
     _say_unknown(path, lines.unknown)
+    if lines.forms:
+        warnings.warn(
+            f"{path}: {len(lines.forms)} curve(s), surface(s) or other file(s) that it calls are "
+            f"not read, the first in line {lines.forms[0]}; export them as polygons.",
+            stacklevel=3,
+        )
     words = [word for _, corners, _ in lines.polygons for word in corners]
     F, owner, kept = triangles_of(
         path, V, corners, counts, bad_faces,
@@ -133,7 +141,7 @@ class _Lines:
     def __init__(self, path):
         self.vertices, self.places, self.n_normals = [], [], 0
         self.polygons, self.sections, self.unknown = [], [], []
-        self.libraries, self.materials = [], []
+        self.libraries, self.materials, self.forms = [], [], []
         for number, words in _lines(_text(path)):
             word = words[0]
             if word == b"v":
@@ -152,6 +160,8 @@ class _Lines:
                 self.libraries.append(b" ".join(words[1:]))
             elif word == b"usemtl":
                 self.materials.append((len(self.polygons), b" ".join(words[1:])))
+            elif word in _FORMS:
+                self.forms.append(number)
             elif word not in _KEYWORDS:
                 self.unknown.append((number, words))
 
