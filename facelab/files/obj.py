@@ -59,8 +59,8 @@ def read_obj(path, bad_faces="refuse"):
     -----
     UserWarning
         Naming lines that were left out, unknown keywords, curves and surfaces that are no polygons,
-        texture coordinates or normals that are
-        named but not there, and a texture that could not be read.
+        texture coordinates or normals that are named but not there, and a texture that could not
+        be read.
     """
     return read_obj_file(path, bad_faces).whole()
 
