@@ -6,7 +6,7 @@ import math
 import time
 import traceback
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -82,10 +82,8 @@ class Report:
 
     def as_dict(self):
         """All of it, ready for JSON: numbers that are none are null."""
-        names = "command arguments stopped done skipped failed not_reached passed_over".split()
-        return {"format": "facelab-report", "version": 1} | {
-            name: _ready(getattr(self, name)) for name in names
-        }
+        about = {"format": "facelab-report", "version": 1}
+        return about | _ready({f.name: getattr(self, f.name) for f in fields(self)})
 
     def write(self, path):
         """Write it as JSON, whole or not at all."""
@@ -158,7 +156,8 @@ def plan(inputs, out, endings, results, to, report, together=False, folders_are_
     else:
         ending = results[0] if to is None else f".{to}"
         jobs = [Job((f,), out / f"{f.stem}{ending}") for f in files]
-    same = [j.target for j in jobs if any(_same(j.target, s) for s in j.sources)]
+    there = [job for job in jobs if job.target.exists()]
+    same = [j.target for j in there if any(j.target.samefile(s) for s in j.sources)]
     if same:
         raise UsageError(f"-o {out} would overwrite {same[0]}, which is read; choose another.")
     return jobs
@@ -172,10 +171,6 @@ def _files_of(folder, endings, report):
     if not good:
         raise UsageError(f"{folder} holds no file of the kinds {', '.join(endings)}.")
     return good
-
-
-def _same(a, b):
-    return a.exists() and a.samefile(b)
 
 
 # --- running them ---------------------------------------------------------------------------------
@@ -226,7 +221,8 @@ def _left(jobs, report, options):
     """The jobs that are to be done; those done before and those that clash are reported."""
     taken, left = {}, []
     for job in jobs:
-        first = taken.setdefault(_key(job.target), job)
+        # file systems may not tell cases apart
+        first = taken.setdefault(str(job.target).casefold(), job)
         if first is not job:
             why = f"{first.label} makes {job.target} already; give one of them another name."
             _failed(report, job, why, [])
@@ -235,10 +231,6 @@ def _left(jobs, report, options):
         else:
             left.append(job)
     return left
-
-
-def _key(target):
-    return str(target).casefold()  # file systems that do not tell cases apart
 
 
 def _make_folder(folder):

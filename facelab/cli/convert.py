@@ -73,10 +73,9 @@ def maker(options):
 def _weights(path, target, options):
     take = files.read_weights(path, fps=options.fps)
     (files.write_live_link_csv if options.live_link else files.write_weights_csv)(target, take)
-    lost = int((~take.valid).sum())
     return {
         "frames": take.n_frames,
-        "lost_frames": lost,
+        "lost_frames": int((~take.valid).sum()),
         "weights": len(take.names),
         "report": str(take.report),
     }

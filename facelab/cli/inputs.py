@@ -6,14 +6,14 @@ from facelab import files
 from facelab.cli.batch import UsageError
 from facelab.cli.terminal import watched
 from facelab.data import load_template
+from facelab.files.markers import KINDS as MARKERS
 from facelab.files.meshes import KINDS as MESHES
+from facelab.files.rigs import KINDS as RIGS
 from facelab.models import load_model
 from facelab.motion import MarkerSequence, MotionSequence
 from facelab.registration import PRESETS, fit_markers, register_sequence, rest_markers
 
-MARKERS = (".c3d", ".trc", ".csv", ".tsv", ".txt", ".npz", ".ma")
 WEIGHTS = (".csv", ".tsv", ".txt", ".json", ".jsonl", ".ndjson", ".npz")
-RIGS = (".glb", ".gltf", ".vrm", ".npz")
 
 __all__ = ["MARKERS", "MESHES", "RIGS", "WEIGHTS"]
 

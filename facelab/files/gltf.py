@@ -6,6 +6,8 @@ glTF counts in metres, y up, z towards the viewer: the head frame in another uni
 import numpy as np
 
 from facelab.checks import as_finite, check_choice, check_count, check_type
+from facelab.files.gltf_write import ARRAY, ELEMENTS, GltfPieces, glb_bytes
+from facelab.files.words import distinct
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size
 from facelab.looks import followed, turn_eyes
@@ -16,7 +18,14 @@ from facelab.posing.clips import check_clip
 from facelab.storage import atomic_path, check_writable
 
 _METRES = 1e-3  # for a millimetre
-_STILL = 1e-9  # metres: smaller displacements are left out of sparse targets
+_SKIN = {
+    "name": "skin",
+    "pbrMetallicRoughness": {
+        "baseColorFactor": [0.80, 0.62, 0.53, 1.0],
+        "metallicFactor": 0.0,
+        "roughnessFactor": 0.6,
+    },
+}
 
 
 def write_glb(
@@ -97,7 +106,7 @@ def write_glb(
             raise ValueError("times are given, but no deltas that could be animated.")
     file = _File()
     names = [str(m) for m in names]
-    file.add_mesh(mesh, deltas, names)
+    file.add("face", mesh, deltas, names, _SKIN)
     looks = np.zeros((len(deltas), 2)) if gaze is None else gaze
     looks = as_finite(looks, "gaze", (len(deltas), 2))
     turned = [turn_eyes(props, look) for look in looks]
@@ -143,7 +152,7 @@ def write_clip_glb(path, clip, session, props=()):
         return
     deltas = session.vertices_of(clip.poses) - session.neutral.vertices
     shares = np.eye(len(clip.times))
-    names = _distinct(clip.names)
+    names = distinct(clip.names)
     write_glb(path, session.neutral, deltas, names, clip.times, shares, way, props, gaze=clip.gaze)
 
 
@@ -198,170 +207,66 @@ def write_motion_glb(path, motion, n_modes=30):
     return left
 
 
-def _distinct(names):
-    """Names, those that stand twice numbered."""
-    found = []
-    for name in names:
-        new, k = name, 1
-        while new in found:
-            k += 1
-            new = f"{name} ({k})"
-        found.append(new)
-    return found
-
-
-class _File:
-    """A GLB in the making: one buffer, and what describes it."""
+class _File(GltfPieces):
+    """A GLB in the making: parts of a face, each with a node, a mesh and a material of its own."""
 
     def __init__(self):
-        import pygltflib
+        asset = {"version": "2.0", "generator": "facelab"}
+        super().__init__({"asset": asset, "scene": 0, "scenes": [{"nodes": []}]})
+        self._moving = []
 
-        self._g = pygltflib
-        self._data = bytearray()
-        self._gltf = pygltflib.GLTF2(
-            asset=pygltflib.Asset(version="2.0", generator="facelab"),
-            scene=0,
-            scenes=[pygltflib.Scene(nodes=[0])],
-            nodes=[pygltflib.Node(name="face", mesh=0)],
-            materials=[
-                pygltflib.Material(
-                    name="skin",
-                    doubleSided=True,
-                    pbrMetallicRoughness=pygltflib.PbrMetallicRoughness(
-                        baseColorFactor=[0.80, 0.62, 0.53, 1.0],
-                        metallicFactor=0.0,
-                        roughnessFactor=0.6,
-                    ),
-                )
-            ],
-        )
-
-    def _view(self, array, target=None):
-        """A buffer view of an array, and its index."""
-        self._data += bytes(-len(self._data) % 4)
-        view = self._g.BufferView(
-            buffer=0, byteOffset=len(self._data), byteLength=array.nbytes, target=target
-        )
-        self._data += array.tobytes()
-        self._gltf.bufferViews.append(view)
-        return len(self._gltf.bufferViews) - 1
-
-    def _accessor(self, array, kind, target=None, bounds=False, sparse=None):
-        """An accessor of an array (or of zeros changed sparsely), and its index."""
-        types = {
-            "<f4": self._g.FLOAT,
-            "<u4": self._g.UNSIGNED_INT,
+    def add(self, name, mesh, deltas, names, material, colors=None):
+        """Add a part; the face is the first."""
+        attributes = {
+            "POSITION": self.accessor(_METRES * mesh.vertices, "VEC3", ARRAY, bounds=True),
+            "NORMAL": self.accessor(_unit_normals(mesh), "VEC3", ARRAY),
         }
-        at = self._g.Accessor(
-            componentType=types[array.dtype.str], count=len(array), type=kind, byteOffset=None
-        )
-        if bounds:
-            low, high = np.atleast_1d(array.min(axis=0)), np.atleast_1d(array.max(axis=0))
-            at.min, at.max = low.astype(float).tolist(), high.astype(float).tolist()
-        if sparse is None:
-            at.bufferView, at.byteOffset = self._view(array, target), 0
-        else:
-            at.sparse = self._g.Sparse(
-                count=len(sparse),
-                indices=self._g.AccessorSparseIndices(
-                    bufferView=self._view(sparse.astype("<u4")), componentType=self._g.UNSIGNED_INT
-                ),
-                values=self._g.AccessorSparseValues(bufferView=self._view(array[sparse])),
-            )
-        self._gltf.accessors.append(at)
-        return len(self._gltf.accessors) - 1
-
-    def add_mesh(self, mesh, deltas, names):
-        """The face: the first mesh, of the first node."""
-        self._gltf.meshes.append(self._shape("face", mesh, deltas, names, 0, None))
-        self._animated = [0] if len(deltas) else []
+        if colors is not None:  # glTF mixes colours in linear light
+            linear = np.asarray(colors).clip(0, 1) ** 2.2
+            attributes["COLOR_0"] = self.accessor(linear, "VEC3", ARRAY)
+        primitive = {
+            "attributes": attributes,
+            "indices": self.accessor(mesh.faces.ravel(), "SCALAR", ELEMENTS),
+            "material": self.append("materials", {"name": name, "doubleSided": True} | material),
+            "mode": 4,
+        }
+        shape = {"name": name, "primitives": [primitive]}
+        node = self.append("nodes", {"name": name, "mesh": self.append("meshes", shape)})
+        self.json["scenes"][0]["nodes"].append(node)
+        if len(deltas):
+            primitive["targets"] = [{"POSITION": self.target(_METRES * d)} for d in deltas]
+            shape |= {"weights": [0.0] * len(deltas), "extras": {"targetNames": names}}
+            self._moving.append(node)
 
     def add_prop(self, prop, rest, deltas, names, turned):
-        """A part beside the face, with a node, a material and colours of its own.
+        """Add a part beside the face.
 
         `turned` are the same part as it is with each delta: an eye may look elsewhere.
         """
-        g, gltf = self._g, self._gltf
         part, colors = prop
         part = part.with_vertices(followed(prop, rest))  # the face need not be at rest
-        moves = any(getattr(each, "move", None) is not None for each in turned)
-        if moves:
+        if any(getattr(each, "move", None) is not None for each in turned):
             posed = [followed(t, rest + d) for t, d in zip(turned, deltas, strict=True)]
             deltas = np.stack(posed) - part.vertices
         else:
-            deltas, names = [], []
-        name = getattr(prop, "name", f"part_{len(gltf.meshes)}")
-        surface = g.PbrMetallicRoughness(
-            metallicFactor=0.0, roughnessFactor=1.0 - 0.8 * getattr(prop, "gloss", 0.0)
-        )
-        gltf.materials.append(g.Material(name=name, doubleSided=True, pbrMetallicRoughness=surface))
-        shape = self._shape(name, part, deltas, names, len(gltf.materials) - 1, colors)
-        if moves:
-            self._animated.append(len(gltf.nodes))
-        gltf.scenes[0].nodes.append(len(gltf.nodes))
-        gltf.nodes.append(g.Node(name=name, mesh=len(gltf.meshes)))
-        gltf.meshes.append(shape)
-
-    def _shape(self, name, mesh, deltas, names, material, colors):
-        g = self._g
-        position = self._accessor(
-            (mesh.vertices * _METRES).astype("<f4"), g.VEC3, g.ARRAY_BUFFER, bounds=True
-        )
-        normal = self._accessor(_unit_normals(mesh).astype("<f4"), g.VEC3, g.ARRAY_BUFFER)
-        index = self._accessor(mesh.faces.ravel().astype("<u4"), g.SCALAR, g.ELEMENT_ARRAY_BUFFER)
-        attributes = g.Attributes(POSITION=position, NORMAL=normal)
-        if colors is not None:  # glTF mixes colours in linear light
-            linear = np.asarray(colors).clip(0, 1) ** 2.2
-            attributes.COLOR_0 = self._accessor(linear.astype("<f4"), g.VEC3, g.ARRAY_BUFFER)
-        targets = [{"POSITION": self._target(delta)} for delta in deltas]
-        part = g.Primitive(
-            attributes=attributes,
-            indices=index,
-            material=material,
-            mode=g.TRIANGLES,
-            targets=targets,
-        )
-        shape = g.Mesh(name=name, primitives=[part])
-        if targets:
-            shape.weights, shape.extras = [0.0] * len(targets), {"targetNames": names}
-        return shape
-
-    def _target(self, delta):
-        delta = (delta * _METRES).astype("<f4")
-        moved = np.flatnonzero((np.abs(delta) > _STILL).any(axis=1))
-        if 4 * len(moved) >= 3 * len(delta):  # an index and three numbers against three numbers
-            return self._accessor(delta, self._g.VEC3, self._g.ARRAY_BUFFER, bounds=True)
-        moved = moved if len(moved) else np.array([0])  # none at all is not allowed
-        small = np.zeros_like(delta)
-        small[moved] = delta[moved]
-        return self._accessor(small, self._g.VEC3, bounds=True, sparse=moved)
+            deltas = []
+        name = getattr(prop, "name", f"part_{len(self.json['meshes'])}")
+        rough = 1.0 - 0.8 * getattr(prop, "gloss", 0.0)
+        surface = {"pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": rough}}
+        self.add(name, part, deltas, names, surface, colors)
 
     def add_animation(self, times, weights, interpolation):
-        g = self._g
         if interpolation == "SMOOTH":  # tangent in, value, tangent out of each key
             still = np.zeros_like(weights)
             weights, interpolation = np.stack([still, weights, still], axis=1), "CUBICSPLINE"
-        moment = self._accessor(times.astype("<f4"), g.SCALAR, bounds=True)
-        value = self._accessor(weights.ravel().astype("<f4"), g.SCALAR)
-        self._gltf.animations.append(
-            g.Animation(
-                name="clip",
-                samplers=[
-                    g.AnimationSampler(input=moment, output=value, interpolation=interpolation)
-                ],
-                channels=[
-                    g.AnimationChannel(
-                        sampler=0, target=g.AnimationChannelTarget(node=node, path="weights")
-                    )
-                    for node in self._animated
-                ],
-            )
-        )
+        tracks = [(weights, self._moving)]
+        self.append("animations", self.animation("clip", times, tracks, interpolation))
 
     def bytes(self):
-        self._gltf.buffers = [self._g.Buffer(byteLength=len(self._data))]
-        self._gltf.set_binary_blob(bytes(self._data))
-        return b"".join(self._gltf.save_to_bytes())
+        self.json["buffers"] = [{"byteLength": len(self.added)}]
+        for view in self.json["bufferViews"]:
+            view["buffer"] = 0
+        return glb_bytes(self.json, bytes(self.added))
 
 
 def _unit_normals(mesh):

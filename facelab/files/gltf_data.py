@@ -17,6 +17,7 @@ import numpy as np
 from facelab.files import meshopt
 from facelab.files.json_items import load_json
 from facelab.files.pictures import bytes_beside
+from facelab.files.words import damaged
 from facelab.storage import existing_file
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -56,8 +57,8 @@ class GltfData:
         "animations".
     binary : bytes or None
         The binary chunk of a GLB.
-    further : list of (bytes, bytes)
-        Kind and data of its other chunks, which mean nothing to glTF.
+    further : list of (bytes, bytes) or None
+        Kind and data of the other chunks of a GLB, which mean nothing to glTF.
 
     Raises
     ------
@@ -69,7 +70,7 @@ class GltfData:
     def __init__(self, path):
         self.path = existing_file(path, "glTF file")
         data = self.path.read_bytes()
-        self.binary, self.further = None, []
+        self.binary = self.further = None
         text = self._chunks(data) if data[:4] == b"glTF" else data
         self.json = load_json(text, self.path, "glTF file")
         version = self.json.item("asset").text("version", "missing")
@@ -104,14 +105,11 @@ class GltfData:
         while at < len(data):
             size, kind = struct.unpack_from("<I4s", data, at) if at + 8 <= len(data) else (0, b"")
             if not kind or at + 8 + size > len(data):
-                raise ValueError(
-                    f"{self.path}: the chunk at byte {at} does not fit into the file; it is "
-                    "damaged, export it again."
-                )
+                raise damaged(f"{self.path}: the chunk at byte {at} does not fit into the file")
             found.append((kind, data[at + 8 : at + 8 + size]))
             at += 8 + size
             if found[0][0] != b"JSON":
-                raise ValueError(f"{self.path}: its first chunk is not JSON; export it again.")
+                raise damaged(f"{self.path}: its first chunk is not JSON")
         (_, text), *rest = found
         self.binary = rest.pop(0)[1] if rest and rest[0][0] == b"BIN\0" else None
         self.further = rest
@@ -145,18 +143,16 @@ class GltfData:
             if uri is None and index == 0 and self.binary is not None:
                 data = self.binary
                 if len(data) - length > 3:
-                    raise ValueError(
-                        f"{self.path}: {item.at('byteLength')} is {length}, but the binary chunk "
-                        f"has {len(data)} bytes; the file is damaged, export it again."
+                    raise item.damaged(
+                        f"is {length}, but the binary chunk has {len(data)} bytes", "byteLength"
                     )
             elif uri is None:
-                raise ValueError(f"{self.path}: {item.place} has no data; export the file again.")
+                raise item.damaged("has no data")
             else:
                 data = self.from_uri(item, uri)
             if len(data) < length:
-                raise ValueError(
-                    f"{self.path}: {item.at('byteLength')} is {length}, but its data end after "
-                    f"{len(data)} bytes; the file was cut short, export it again."
+                raise item.damaged(
+                    f"is {length}, but its data end after {len(data)} bytes", "byteLength"
                 )
             self._buffers[index] = memoryview(data)[:length]
         return self._buffers[index]
@@ -193,10 +189,7 @@ class GltfData:
         data = self._buffer(item.index("buffer", self.lists["buffers"]))
         start, length = item.whole("byteOffset", 0), item.whole("byteLength", low=1)
         if start + length > len(data):
-            raise ValueError(
-                f"{self.path}: {item.place} ends at byte {start + length}, but its buffer has "
-                f"{len(data)}; the file is damaged, export it again."
-            )
+            raise item.damaged(f"ends at byte {start + length}, but its buffer has {len(data)}")
         return data[start : start + length]
 
     def _unpacked(self, item, packed):
@@ -209,15 +202,15 @@ class GltfData:
         ):
             raise packed.wrong("mode", "ATTRIBUTES, TRIANGLES or INDICES with a stride that fits")
         if count * stride != item.whole("byteLength", low=1):
-            raise ValueError(
-                f"{self.path}: {packed.place} has {count} elements of {stride} bytes, but its view "
-                f"has {item.value['byteLength']}; the file is damaged, export it again."
+            raise packed.damaged(
+                f"has {count} elements of {stride} bytes, but its view has "
+                f"{item.value['byteLength']}"
             )
         self.need(count * stride, packed.place)
         try:
             data = meshopt.decode(bytes(self._slice(packed)), count, stride, mode, way)
         except ValueError as error:
-            raise ValueError(f"{self.path}: {packed.place}: {error}; export it again.") from None
+            raise damaged(f"{self.path}: {packed.place}: {error}") from None
         return memoryview(data), stride if mode == "ATTRIBUTES" else 0
 
     # --- accessors --------------------------------------------------------------------------------
@@ -253,35 +246,31 @@ class GltfData:
         if wholes and dtype.kind != "u":
             raise item.wrong("componentType", "5121, 5123 or 5125, of whole numbers")
         count = self.count(index)
-        out = self._elements(item, dtype, width, count)
+        if "bufferView" in item:
+            out = self._read(item, dtype, width, count)
+        else:
+            self.need(count * width * dtype.itemsize, item.place)
+            out = np.zeros((count, width), dtype)
         if "sparse" in item:
             out = self._changed(item.item("sparse"), out, dtype, width)
         if not wholes:
             out = self._numbers(item, out, dtype)
         return out[:, 0] if kind == "SCALAR" else out
 
-    def _elements(self, item, dtype, width, count):
-        if "bufferView" not in item:
-            self.need(count * width * dtype.itemsize, item.place)
-            return np.zeros((count, width), dtype)
+    def _read(self, item, dtype, width, count):
+        """Elements as they stand in the buffer view of an accessor, or of a part of one."""
         data, stride = self.view(item.index("bufferView", self.lists["bufferViews"]))
-        return self._read(item, data, stride, dtype, width, count)
-
-    def _read(self, item, data, stride, dtype, width, count):
         offset = item.whole("byteOffset", 0)
         size = width * dtype.itemsize
         stride = stride or size
         if offset % dtype.itemsize or stride < size:
-            raise ValueError(
-                f"{self.path}: {item.place} lies askew in its buffer view (offset {offset}, "
-                f"{stride} bytes from one element to the next of {size}); export the file again."
+            raise item.damaged(
+                f"lies askew in its buffer view (offset {offset}, {stride} bytes from one element "
+                f"to the next of {size})"
             )
         end = offset + stride * (count - 1) + size
         if end > len(data):
-            raise ValueError(
-                f"{self.path}: {item.place} needs {end} bytes, but its buffer view has "
-                f"{len(data)}; the file is damaged, export it again."
-            )
+            raise item.damaged(f"needs {end} bytes, but its buffer view has {len(data)}")
         strides = (stride, dtype.itemsize)
         return np.ndarray((count, width), dtype, data, offset, strides)
 
@@ -292,18 +281,12 @@ class GltfData:
         component = where.whole("componentType")
         if component not in (5121, 5123, 5125):
             raise where.wrong("componentType", "5121, 5123 or 5125")
-        views = self.lists["bufferViews"]
-        data, stride = self.view(where.index("bufferView", views))
-        kind = np.dtype(COMPONENTS[component])
-        rows = self._read(where, data, stride, kind, 1, count)[:, 0].astype(np.int64)
+        rows = self._read(where, np.dtype(COMPONENTS[component]), 1, count)
+        rows = rows[:, 0].astype(np.int64)
         if (np.diff(rows) <= 0).any() or rows[-1] >= len(base):
-            raise ValueError(
-                f"{self.path}: {where.place} must ascend and stay below {len(base)}; the file is "
-                "damaged, export it again."
-            )
-        data, stride = self.view(values.index("bufferView", views))
+            raise where.damaged(f"must ascend and stay below {len(base)}")
         out = base.copy()
-        out[rows] = self._read(values, data, stride, dtype, width, count)
+        out[rows] = self._read(values, dtype, width, count)
         return out
 
     def _numbers(self, item, out, dtype):
@@ -324,6 +307,26 @@ class GltfData:
             return out.astype(np.float32)
         most = np.iinfo(dtype).max
         return np.maximum(out.astype(np.float32) / np.float32(most), np.float32(-1))
+
+    def attribute(self, primitive, semantic, kind, wholes=False):
+        """An attribute of a primitive's vertices, Draco's or plain; parameters of `array`."""
+        attributes, accessors = primitive.item("attributes"), self.lists["accessors"]
+        count = self.count(attributes.index("POSITION", accessors))
+        index, packed = attributes.index(semantic, accessors), self.draco(primitive)
+        if packed and semantic in packed[1]:
+            found = packed[0].get_attribute_by_unique_id(packed[1].whole(semantic))
+            array = None if found is None else np.asarray(found["data"])
+            if array is None or array.shape != (count, _WIDTHS[kind]):
+                raise primitive.damaged(
+                    f"has Draco data that do not hold the {count} {semantic} it promises"
+                )
+            if wholes or array.dtype.kind == "f":
+                return array
+            return self._numbers(accessors[index], array, array.dtype)
+        array = self.array(index, kind, wholes)
+        if len(array) != count:
+            raise attributes.damaged(f"has {len(array)} elements, but POSITION {count}", semantic)
+        return array
 
     # --- Draco ------------------------------------------------------------------------------------
 
@@ -348,9 +351,6 @@ class GltfData:
             except Exception:  # DracoPy has no one kind of its own
                 mesh = None
             if not isinstance(mesh, DracoPy.DracoMesh):  # or it is a cloud of points
-                raise ValueError(
-                    f"{self.path}: {packed.place}: its Draco data are damaged or hold no "
-                    "triangles; export it again."
-                )
+                raise packed.damaged("has Draco data that are damaged or hold no triangles")
             self._drawn[index] = mesh
         return self._drawn[index], packed.item("attributes")

@@ -7,22 +7,25 @@ Khronos Group, glTF 2.0 specification, sections 3.7.2.2 (morph targets) and 3.11
 
 import base64
 import copy
-import json
-import struct
 from pathlib import Path
 
 import numpy as np
 
 from facelab.files.gltf_data import COMPONENTS
 from facelab.files.gltf_read import GltfScene
+from facelab.files.gltf_write import (
+    ARRAY,
+    ELEMENTS,
+    UINT,
+    GltfPieces,
+    bounds_of,
+    glb_bytes,
+    json_text,
+)
 from facelab.storage import atomic_path
 
-_STILL = 1e-9  # of the file's unit: smaller displacements are left out of sparse targets
-_FLOAT, _UINT = 5126, 5125
-_ARRAY, _ELEMENTS = 34962, 34963
 
-
-class GltfEdit:
+class GltfEdit(GltfPieces):
     """A glTF, GLB or VRM file, opened to add shapes and an animation to one of its meshes.
 
     Parameters
@@ -46,10 +49,8 @@ class GltfEdit:
         self._part = scene.part(k)
         self._node, self._mesh = scene.place(k)
         self.n_vertices, self.n_targets = len(self._part.vertices), scene.n_targets(k)
-        self._json = copy.deepcopy(self._data.json.value)
-        self._text = Path(path).suffix.lower() == ".gltf"
+        super().__init__(copy.deepcopy(self._data.json.value))
         self._names = list(self._part.names)
-        self._added = bytearray()
         self._new, self._animation = [], None
         self.unpacked = self._unpack()
 
@@ -60,14 +61,14 @@ class GltfEdit:
         linear = self._part.linear
         moved = np.linalg.solve(linear, np.asarray(moved, float)[..., None])[..., 0]
         added = {}
-        for i, primitive in enumerate(self._json["meshes"][self._mesh]["primitives"]):
-            count = self._json["accessors"][primitive["attributes"]["POSITION"]]["count"]
+        for i, primitive in enumerate(self.json["meshes"][self._mesh]["primitives"]):
+            count = self.json["accessors"][primitive["attributes"]["POSITION"]]["count"]
             begin = self._part.start.get(i)
             if (begin, count) not in added:  # primitives may share their vertices
-                own = np.zeros((count, 3), "<f4")
+                own = np.zeros((count, 3))
                 if begin is not None:  # lines and points are no vertices here: they stay
                     own[:] = moved[begin : begin + count]
-                added[begin, count] = self._target(own)
+                added[begin, count] = self.target(own)
             primitive.setdefault("targets", []).append({"POSITION": added[begin, count]})
         self._new.append(name)
 
@@ -91,65 +92,11 @@ class GltfEdit:
         for name, own in others.items():
             node, mesh = self._scene.place(self._scene.find(name))
             keys[node] = weights if mesh == self._mesh else own
-        moment = self._accessor(np.asarray(times, "<f4"), "SCALAR", bounds=True)
-        samplers = [
-            {
-                "input": moment,
-                "output": self._accessor(np.asarray(own, "<f4").ravel(), "SCALAR"),
-                "interpolation": "LINEAR",
-            }
-            for own in keys.values()
-        ]
-        channels = [
-            {"sampler": k, "target": {"node": node, "path": "weights"}}
-            for k, node in enumerate(keys)
-        ]
-        self._animation = {"name": "facelab", "samplers": samplers, "channels": channels}
-
-    def _target(self, moved):
-        rows = np.flatnonzero((np.abs(moved) > _STILL).any(axis=1))
-        if 4 * len(rows) >= 3 * len(moved):  # an index and three numbers against three numbers
-            return self._accessor(moved, "VEC3", _ARRAY, bounds=True)
-        rows = rows if len(rows) else np.array([0])  # none at all is not allowed
-        small = np.zeros_like(moved)
-        small[rows] = moved[rows]
-        at = self._described(small, "VEC3", bounds=True)
-        at["sparse"] = {
-            "count": len(rows),
-            "indices": {"bufferView": self._view(rows.astype("<u4")), "componentType": _UINT},
-            "values": {"bufferView": self._view(small[rows])},
-        }
-        return self._append("accessors", at)
-
-    # --- pieces of a file -------------------------------------------------------------------------
+        tracks = [(own, [node]) for node, own in keys.items()]
+        self._animation = self.animation("facelab", np.asarray(times), tracks)
 
     def _of(self, where):
-        return self._json.get(where, [])
-
-    def _append(self, where, item):
-        self._json.setdefault(where, []).append(item)
-        return len(self._json[where]) - 1
-
-    def _view(self, data, target=None):
-        """A view of new bytes; `save` gives it its buffer."""
-        self._added += bytes(-len(self._added) % 4)
-        view = {"buffer": None, "byteOffset": len(self._added), "byteLength": data.nbytes}
-        self._added += data.tobytes()
-        return self._append("bufferViews", view | ({} if target is None else {"target": target}))
-
-    def _described(self, array, kind, bounds=False):
-        at = {"componentType": _UINT if array.dtype.kind == "u" else _FLOAT}
-        at |= {"count": len(array), "type": kind}
-        return at | (self._bounds(array) if bounds else {})
-
-    @staticmethod
-    def _bounds(array):
-        low, high = np.atleast_1d(array.min(axis=0)), np.atleast_1d(array.max(axis=0))
-        return {"min": low.astype(float).tolist(), "max": high.astype(float).tolist()}
-
-    def _accessor(self, array, kind, target=None, bounds=False):
-        at = self._described(array, kind, bounds) | {"bufferView": self._view(array, target)}
-        return self._append("accessors", at)
+        return self.json.get(where, [])
 
     # --- compression ------------------------------------------------------------------------------
 
@@ -160,10 +107,7 @@ class GltfEdit:
             packed = view.get("extensions", {}).pop("EXT_meshopt_compression", None)
             if packed is not None:
                 found.add("EXT_meshopt_compression")
-                data = bytes(self._data.view(k)[0])
-                self._added += bytes(-len(self._added) % 4)
-                view |= {"buffer": None, "byteOffset": len(self._added), "byteLength": len(data)}
-                self._added += data
+                view |= self.stored(self._data.view(k)[0])
         for m, mesh in enumerate(self._of("meshes")):
             for p, primitive in enumerate(mesh["primitives"]):
                 if primitive.get("extensions", {}).pop("KHR_draco_mesh_compression", None):
@@ -177,9 +121,9 @@ class GltfEdit:
             if owner.get("extensions") == {}:
                 del owner["extensions"]
         for key in ("extensionsUsed", "extensionsRequired"):
-            left = [name for name in self._json.pop(key, []) if name not in found]
+            left = [name for name in self.json.pop(key, []) if name not in found]
             if left:
-                self._json[key] = left
+                self.json[key] = left
         return tuple(sorted(found))
 
     def _drop_empty_buffers(self):
@@ -192,12 +136,12 @@ class GltfEdit:
                     if view["buffer"] == k:
                         view["buffer"] = len(kept)
                 kept.append(buffer)
-        self._json["buffers"] = kept
+        self.json["buffers"] = kept
 
     def _undraw(self, item, primitive):
         """Draco's indices and attributes as plain data of the types that their accessors have."""
         mesh, attributes = self._data.draco(item)
-        accessors = self._json["accessors"]
+        accessors = self.json["accessors"]
         for semantic in attributes.value:
             found = mesh.get_attribute_by_unique_id(attributes.whole(semantic))
             at = accessors[primitive["attributes"][semantic]]
@@ -205,21 +149,21 @@ class GltfEdit:
             width = -data.shape[1] * data.dtype.itemsize % 4  # rows begin at multiples of 4
             rows = np.zeros((len(data), data.shape[1] + width // data.dtype.itemsize), data.dtype)
             rows[:, : data.shape[1]] = data
-            at["bufferView"], at["byteOffset"] = self._view(rows, _ARRAY), 0
+            at["bufferView"], at["byteOffset"] = self.view(rows, ARRAY), 0
             if "min" in at:  # what was packed is not exactly what was promised
-                at |= self._bounds(data)
+                at |= bounds_of(data)
             if width:
-                self._json["bufferViews"][at["bufferView"]]["byteStride"] = rows[0].nbytes
-        index = np.asarray(mesh.faces).ravel().astype("<u4")
+                self.json["bufferViews"][at["bufferView"]]["byteStride"] = rows[0].nbytes
+        index = np.asarray(mesh.faces, "<u4").ravel()
         at = accessors[primitive["indices"]]
-        at |= {"componentType": _UINT, "bufferView": self._view(index, _ELEMENTS), "byteOffset": 0}
+        at |= {"componentType": UINT, "bufferView": self.view(index, ELEMENTS), "byteOffset": 0}
 
     # --- writing ----------------------------------------------------------------------------------
 
     def _finish(self):
         """Names, weights at rest and old animations for the new number of targets."""
         if self._new:
-            mesh = self._json["meshes"][self._mesh]
+            mesh = self.json["meshes"][self._mesh]
             owners = [o for o in (mesh, *mesh["primitives"]) if "targetNames" in _extras(o)]
             for owner in owners:
                 owner["extras"]["targetNames"] = [*owner["extras"]["targetNames"], *self._new]
@@ -233,7 +177,7 @@ class GltfEdit:
                     owner["weights"] = [*owner["weights"], *[0.0] * len(self._new)]
             self._widen(moving)
         if self._animation is not None:
-            self._append("animations", self._animation)
+            self.append("animations", self._animation)
 
     def _widen(self, moving):
         """Animations that were there before get the new targets, at rest."""
@@ -260,12 +204,12 @@ class GltfEdit:
         """An accessor of weights with columns for the new targets."""
         rows, n = self._data.array(at, "SCALAR"), self.n_targets
         if len(rows) % n:
-            raise ValueError(
-                f"{self._data.path}: {sampler.at('output')} has {len(rows)} weights, which are no "
-                f"rows of {n}, the number of morph targets; the file is damaged, export it again."
+            raise sampler.damaged(
+                f"has {len(rows)} weights, which are no rows of {n}, the number of morph targets",
+                "output",
             )
         rows = np.pad(rows.reshape(-1, n), ((0, 0), (0, len(self._new))))
-        return self._accessor(rows.astype("<f4").ravel(), "SCALAR")
+        return self.accessor(rows.ravel(), "SCALAR")
 
     def save(self, path):
         """Write the file, whole or not at all."""
@@ -277,37 +221,27 @@ class GltfEdit:
                 "the same folder, or make a GLB of it first."
             )
         self._finish()
-        told, new = self._json, [v for v in self._json["bufferViews"] if v["buffer"] is None]
+        told, new = self.json, [v for v in self.json["bufferViews"] if v["buffer"] is None]
         buffers, body = told.setdefault("buffers", []), self._data.binary
         if body is None or not buffers or "uri" in buffers[0]:  # no buffer of the file's own
-            text = base64.b64encode(self._added).decode()
+            text = base64.b64encode(self.added).decode()
             uri = f"data:application/octet-stream;base64,{text}"
-            buffers.append({"byteLength": len(self._added), "uri": uri})
+            buffers.append({"byteLength": len(self.added), "uri": uri})
             for view in new:
                 view["buffer"] = len(buffers) - 1
         else:
             body += bytes(-len(body) % 4)
             for view in new:
                 view |= {"buffer": 0, "byteOffset": len(body) + view["byteOffset"]}
-            body += self._added
+            body += self.added
             buffers[0]["byteLength"] = len(body)
-        text = json.dumps(told, ensure_ascii=False, separators=(",", ":"))
-        text = text.encode(errors="backslashreplace")  # half a character, as JSON may hold it
+        further = self._data.further
+        data = json_text(told) if further is None else glb_bytes(told, body, further)
         with atomic_path(path) as part:
-            part.write_bytes(text if self._text else _glb(text, body, self._data.further))
+            part.write_bytes(data)
 
 
 def _extras(owner):
     """What a program added to an object of the file; it may be anything."""
     extras = owner.get("extras")
     return extras if isinstance(extras, dict) else {}
-
-
-def _glb(text, body, further):
-    """A GLB of its JSON, its bytes, and further chunks."""
-    chunks = [(b"JSON", text + b" " * (-len(text) % 4))]
-    if body is not None:
-        chunks.append((b"BIN\0", body + bytes(-len(body) % 4)))
-    chunks += further
-    packed = b"".join(struct.pack("<I4s", len(data), kind) + data for kind, data in chunks)
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(packed)) + packed

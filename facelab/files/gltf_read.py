@@ -9,10 +9,13 @@ import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from facelab.files.gltf_data import GltfData
 from facelab.files.gltf_texture import texture_of
 from facelab.files.parts import LONGEST, MeshFile, check_coordinates
+from facelab.files.pictures import or_left_out
+from facelab.files.words import damaged, distinct, listed, quoted
 from facelab.geometry.texture import Texture
 
 _SEMANTICS = ("POSITION", "NORMAL", "TANGENT", "TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_", "_")
@@ -90,14 +93,9 @@ class GltfScene:
             )
         self._found = found
         self._aliases = [name for _, _, _, name in found]
-        self.names = []
-        for k, (_, _, own, other) in enumerate(found):
-            name, n = own or other or f"mesh {k}", 1
-            label = name
-            while label in self.names:
-                n += 1
-                label = f"{name} ({n})"
-            self.names.append(label)
+        self.names = distinct(
+            [own or other or f"mesh {k}" for k, (_, _, own, other) in enumerate(found)]
+        )
 
     def _usable(self, found):
         """The parts that have triangles and a size; the others are said."""
@@ -112,8 +110,8 @@ class GltfScene:
                 kept.append((node, mesh, own, other))
         if passed:
             warnings.warn(
-                f"{self.path}: {', '.join(map(repr, passed[:6]))} ({len(passed)}) have no "
-                "triangles, or are scaled to nothing, and are passed over.",
+                f"{self.path}: {quoted(passed)} ({len(passed)}) have no triangles, or are scaled "
+                "to nothing, and are passed over.",
                 stacklevel=3,
             )
         return kept
@@ -132,8 +130,7 @@ class GltfScene:
         if len(known) == 1:
             return known[0]
         raise ValueError(
-            f"{self.path}: mesh={name!r} is not in it; its parts are "
-            f"{', '.join(map(repr, self.names[:20]))}{', ...' * (len(self.names) > 20)}."
+            f"{self.path}: mesh={name!r} is not in it; its parts are {quoted(self.names, 20)}."
         )
 
     def place(self, k):
@@ -181,20 +178,11 @@ class GltfScene:
     def _matrix(self, node):
         if "matrix" in node:
             return np.array(node.numbers("matrix", 16)).reshape(4, 4).T
-        x, y, z, w = node.numbers("rotation", 4, [0.0, 0, 0, 1])
-        norm = x * x + y * y + z * z + w * w
-        if not 0.98 < norm < 1.02:
+        turn = np.array(node.numbers("rotation", 4, [0.0, 0, 0, 1]))  # x, y, z, w
+        if not 0.98 < turn @ turn < 1.02:
             raise node.wrong("rotation", "a quaternion of length 1")
-        s = 2 / norm
-        turn = np.array(
-            [
-                [1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
-                [s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w)],
-                [s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)],
-            ]
-        )
         M = np.eye(4)
-        M[:3, :3] = turn * node.numbers("scale", 3, [1.0, 1, 1])
+        M[:3, :3] = Rotation.from_quat(turn).as_matrix() * node.numbers("scale", 3, [1.0, 1, 1])
         M[:3, 3] = node.numbers("translation", 3, [0.0, 0, 0])
         return M
 
@@ -212,31 +200,26 @@ class GltfScene:
             return self._matrices[node]
         outside = [b for b in bones if b not in self._matrices]
         if outside:
-            raise ValueError(
-                f"{self.path}: {skin.place} has the joint {outside[0]}, which is not in the scene; "
-                "export the file again."
-            )
+            raise skin.damaged(f"has the joint {outside[0]}, which is not in the scene")
         M = np.stack([self._matrices[b] for b in bones])
         if "inverseBindMatrices" in skin:
             accessors = self.data.lists["accessors"]
             index = skin.index("inverseBindMatrices", accessors)
             bind = self.data.array(index, "MAT4").astype(float).reshape(-1, 4, 4)
             if len(bind) < len(bones):
-                raise ValueError(
-                    f"{self.path}: {skin.place} has {len(bones)} joints, but {len(bind)} inverse "
-                    "bind matrices; the file is damaged, export it again."
+                raise skin.damaged(
+                    f"has {len(bones)} joints, but {len(bind)} inverse bind matrices"
                 )
             M = M @ bind.transpose(0, 2, 1)[: len(bones)]
         used = joints[weights > 0]
         if used.size and used.max() >= len(bones):
-            raise ValueError(
+            raise damaged(
                 f"{self.path}: a vertex follows joint {used.max()}, but {skin.place} has "
-                f"{len(bones)}; the file is damaged, export it again."
+                f"{len(bones)}"
             )
         joints = np.where(weights > 0, joints, 0)
-        total = weights.sum(axis=1, keepdims=True)
-        share = np.where(total > 0, weights / np.where(total > 0, total, 1), 0)
-        share[total[:, 0] <= 0, 0] = 1  # tied to nothing: the first joint carries it
+        weights[weights.sum(axis=1) <= 0, 0] = 1  # tied to nothing: the first joint carries it
+        share = weights / weights.sum(axis=1, keepdims=True)
         placed = np.zeros((len(joints), 4, 4))
         for column in range(joints.shape[1]):
             placed += share[:, column, None, None] * M[joints[:, column]]
@@ -256,23 +239,22 @@ class GltfScene:
         node, mesh, _, _ = self._found[k]
         item = data.lists["meshes"][mesh]
         primitives = item.items("primitives")
-        kept, start, starts, n = [], {}, {}, 0
+        kept, faces, start, starts, n = [], [], {}, {}, 0
         for i, primitive in enumerate(primitives):
             primitive.warn_unknown(_PRIMITIVE)
             if primitive.whole("mode", 4, high=6) >= 4:
-                packed = data.draco(primitive)
-                own = self._vertices(primitive, packed, shapes)
+                own = self._vertices(primitive, shapes)
                 key = own.pop("key")
                 if key is None or key not in starts:  # primitives may share all their vertices
                     kept.append(own)
                     starts[key] = n
                     n += len(own["V"])
-                start[i] = starts[key], len(own["V"]), packed
-        faces = [
-            self._faces(primitives[i], begin, count, packed)
-            for i, (begin, count, packed) in start.items()
-        ]
-        picture = self._texture(primitives, start, faces) if texture else None
+                start[i] = starts[key]
+                faces.append(self._faces(primitive, starts[key], len(own["V"])))
+        picture = None
+        if texture:
+            own = [F - begin for F, begin in zip(faces, start.values(), strict=True)]
+            picture = or_left_out(texture_of, data, [primitives[i] for i in start], own)
         names = self._target_names(item, primitives)
         data.need(200 * n + 24 * sum(map(len, faces)), f"{self.names[k]!r}")
         V = np.vstack([own["V"] for own in kept]).astype(float)
@@ -295,15 +277,9 @@ class GltfScene:
         deltas = np.empty((0, len(V), 3), np.float32)
         if shapes and names:
             deltas = self._deltas(kept, len(names), len(V), linear, self.names[k])
-        begins = {i: begin for i, (begin, _, _) in start.items()}
-        return GltfPart(self.names[k], V, F, names, deltas, linear, begins, picture)
+        return GltfPart(self.names[k], V, F, names, deltas, linear, start, picture)
 
-    def _texture(self, primitives, start, faces):
-        own = [F - begin for F, (begin, _, _) in zip(faces, start.values(), strict=True)]
-        packed = [packed for _, _, packed in start.values()]
-        return texture_of(self.data, [primitives[i] for i in start], own, packed)
-
-    def _vertices(self, primitive, packed, shapes):
+    def _vertices(self, primitive, shapes):
         """Positions, joints and targets of one primitive, as the file has them."""
         data, accessors = self.data, self.data.lists["accessors"]
         attributes = primitive.item("attributes")
@@ -319,84 +295,53 @@ class GltfScene:
         index = attributes.index("POSITION", accessors)
         count = data.count(index)
 
-        def read(semantic, kind, wholes=False):
-            if packed and semantic in packed[1]:
-                found = packed[0].get_attribute_by_unique_id(packed[1].whole(semantic))
-                array = None if found is None else np.asarray(found["data"])
-                if array is None or array.shape != (count, int(kind[-1])):
-                    raise ValueError(
-                        f"{self.path}: {primitive.place}: its Draco data do not hold the {count} "
-                        f"{semantic} that the file promises; export it again."
-                    )
-                return array
-            array = data.array(attributes.index(semantic, accessors), kind, wholes)
-            if len(array) != count:
-                raise ValueError(
-                    f"{self.path}: {attributes.at(semantic)} has {len(array)} elements, but "
-                    f"POSITION {count}; the file is damaged, export it again."
-                )
-            return array
-
-        V = read("POSITION", "VEC3")
-        if not np.isfinite(V).all():
-            row = int(np.flatnonzero(~np.isfinite(V).all(axis=1))[0])
-            raise ValueError(
-                f"{self.path}: {accessors[index].place}, element {row}, holds NaN or infinity; the "
-                "file is damaged, export it again."
-            )
-        joints, weights, n = [], [], 0
+        V = data.attribute(primitive, "POSITION", "VEC3")
+        none = np.zeros((count, 0))
+        joints, weights, n = [none], [none], 0
         while f"JOINTS_{n}" in attributes and f"WEIGHTS_{n}" in attributes:
-            joints.append(read(f"JOINTS_{n}", "VEC4", wholes=True).astype(np.int64))
-            weights.append(read(f"WEIGHTS_{n}", "VEC4").astype(float))
+            joints.append(data.attribute(primitive, f"JOINTS_{n}", "VEC4", wholes=True))
+            weights.append(data.attribute(primitive, f"WEIGHTS_{n}", "VEC4"))
             if not (weights[-1] >= 0).all():  # neither NaN
-                raise ValueError(
-                    f"{self.path}: {attributes.at(f'WEIGHTS_{n}')} holds weights that are negative "
-                    "or no numbers; the file is damaged, export it again."
+                raise attributes.damaged(
+                    "holds weights that are negative or no numbers", f"WEIGHTS_{n}"
                 )
             n += 1
         at = [t.index("POSITION", accessors) if "POSITION" in t else None for t in targets]
         for t, a in zip(targets, at, strict=True):
             if a is not None and data.count(a) != count:
-                raise ValueError(
-                    f"{self.path}: {t.at('POSITION')} has {data.count(a)} elements, but the mesh "
-                    f"{count} vertices; the file is damaged, export it again."
+                raise t.damaged(
+                    f"has {data.count(a)} elements, but the mesh {count} vertices", "POSITION"
                 )
         ties = tuple(attributes.value.get(f"JOINTS_{i}") for i in range(n))
         return {
-            "key": None if packed else (index, tuple(at), ties),
+            "key": None if data.draco(primitive) else (index, tuple(at), ties),
             "V": V,
-            "joints": np.hstack(joints) if n else None,
-            "weights": np.hstack(weights) if n else None,
+            "joints": np.hstack(joints).astype(np.int64),
+            "weights": np.hstack(weights),
             "targets": at if shapes else [],
         }
 
     def _joints(self, kept):
         """Joints and weights of all vertices; None where no primitive has them."""
-        if all(own["joints"] is None for own in kept):
+        width = max(own["joints"].shape[1] for own in kept)
+        if not width:
             return None, None
-        width = max(own["joints"].shape[1] for own in kept if own["joints"] is not None)
-        joints, weights = [], []
-        for own in kept:
-            J, W = own["joints"], own["weights"]
-            if J is None:
-                J, W = np.zeros((len(own["V"]), 1), int), np.zeros((len(own["V"]), 1))
-            pad = ((0, 0), (0, width - J.shape[1]))
-            joints.append(np.pad(J, pad))
-            weights.append(np.pad(W, pad))
-        return np.vstack(joints), np.vstack(weights)
+        return [
+            np.vstack([np.pad(own[w], ((0, 0), (0, width - own[w].shape[1]))) for own in kept])
+            for w in ("joints", "weights")
+        ]
 
-    def _faces(self, primitive, begin, count, packed):
+    def _faces(self, primitive, begin, count):
         """Triangles of one primitive, numbered from `begin`."""
         accessors = self.data.lists["accessors"]
-        mode = primitive.whole("mode", 4, high=6)
+        mode, packed = primitive.whole("mode", 4, high=6), self.data.draco(primitive)
         if packed:
             index = np.asarray(packed[0].faces, dtype=np.int64).ravel()
             if "indices" in primitive:
                 promised = self.data.count(primitive.index("indices", accessors))
                 if promised != len(index):
-                    raise ValueError(
-                        f"{self.path}: {primitive.place}: its Draco data hold {len(index)} "
-                        f"indices, but the file promises {promised}; export it again."
+                    raise primitive.damaged(
+                        f"has Draco data of {len(index)} indices, but promises {promised}"
                     )
             mode = 4
         elif "indices" in primitive:
@@ -405,15 +350,11 @@ class GltfScene:
         else:
             index = np.arange(count)
         if len(index) and index.max() >= count:
-            raise ValueError(
-                f"{self.path}: {primitive.place} names vertex {index.max()}, but has {count}: 0 to "
-                f"{count - 1}; the file is damaged, export it again."
+            raise primitive.damaged(
+                f"names vertex {index.max()}, but has {count}: 0 to {count - 1}"
             )
         if len(index) < 3 or (mode == 4 and len(index) % 3):
-            raise ValueError(
-                f"{self.path}: {primitive.place} has {len(index)} indices, which make no "
-                "triangles; the file is damaged, export it again."
-            )
+            raise primitive.damaged(f"has {len(index)} indices, which make no triangles")
         if mode == 4:
             F = index.reshape(-1, 3)
         elif mode == 5:
@@ -444,9 +385,9 @@ class GltfScene:
             if isinstance(extras, dict) and "targetNames" in extras:
                 names = owner.item("extras").texts("targetNames")
                 if len(names) != n:
-                    raise ValueError(
-                        f"{self.path}: {owner.at('extras.targetNames')} has {len(names)} names, "
-                        f"but the mesh {n} morph targets; export the file again."
+                    raise owner.damaged(
+                        f"has {len(names)} names, but the mesh {n} morph targets",
+                        "extras.targetNames",
                     )
                 return list(names)
         return [_name_of(target) for target in primitives[0].items("targets")]
@@ -475,9 +416,9 @@ class GltfScene:
         for k, delta in enumerate(deltas):
             moved = np.einsum("...ij,...j->...i", linear, delta.astype(float))
             if not (np.abs(moved) < LONGEST).all():
-                raise ValueError(
+                raise damaged(
                     f"{self.path}: morph target {k} of {name!r} holds NaN, infinity or a number "
-                    f"beyond {LONGEST:g}; the file is damaged, export it again."
+                    f"beyond {LONGEST:g}"
                 )
             deltas[k] = moved
         return deltas
@@ -501,7 +442,7 @@ def read_gltf_file(path, mesh=None):
     shapes = [f"{scene.n_targets(k)} of {scene.names[k]!r}" for k in chosen if scene.n_targets(k)]
     if shapes:
         warnings.warn(
-            f"{scene.path}: morph targets are left out ({', '.join(shapes[:6])}); "
+            f"{scene.path}: morph targets are left out ({listed(shapes)}); "
             "facelab.read_rig reads them.",
             stacklevel=4,
         )

@@ -1,22 +1,18 @@
 """The base-colour picture of a glTF mesh, and where its corners lie in it.
 
-A texture that cannot be read is left out with a warning; the mesh is read without.
-
 References
 ----------
 Khronos Group, glTF 2.0 specification, sections 3.8 (textures) and 3.9 (materials);
 KHR_texture_transform.
 """
 
-import warnings
-
 import numpy as np
 
-from facelab.files.pictures import MOST_BYTES, picture
+from facelab.files.pictures import MOST_BYTES, most_seen, picture
 from facelab.geometry.texture import Texture
 
 
-def texture_of(data, primitives, faces, packed):
+def texture_of(data, primitives, faces):
     """The texture of a mesh, or None; of several pictures the one on most triangles.
 
     Parameters
@@ -25,22 +21,12 @@ def texture_of(data, primitives, faces, packed):
     primitives : list of Item
     faces : list of ndarray of int, shape (n_faces, 3)
         Triangles of each primitive, numbered from its own first vertex.
-    packed : list
-        Of each primitive, what `GltfData.draco` gives.
 
     Returns
     -------
     Texture or None
         Its faces are those of all primitives, one after the other.
     """
-    try:
-        return _texture(data, primitives, faces, packed)
-    except (ValueError, FileNotFoundError) as error:  # ours, with file and place
-        warnings.warn(f"{error} The texture is left out.", stacklevel=4)
-        return None
-
-
-def _texture(data, primitives, faces, packed):
     looks = [_look(data, primitive) for primitive in primitives]
     on = {}
     for look, F in zip(looks, faces, strict=True):
@@ -48,26 +34,19 @@ def _texture(data, primitives, faces, packed):
             on[look[0]] = on.get(look[0], 0) + len(F)
     if not on:
         return None
-    chosen = max(on, key=on.get)
-    others = len(on) - 1
+    chosen = most_seen(data.path, on)
     uv, factor = [], [1.0, 1.0, 1.0]
-    for primitive, look, F, draco in zip(primitives, looks, faces, packed, strict=True):
+    for primitive, look, F in zip(primitives, looks, faces, strict=True):
         if look is None or look[0] != chosen:
             uv.append(np.full((len(F), 3, 2), np.nan, np.float32))
             continue
         _, place, material = look
         factor = material.numbers("baseColorFactor", 4, [1.0] * 4)[:3]
-        uv.append(_places(data, primitive, place, draco)[F])
+        uv.append(_places(data, primitive, place)[F])
     image = _image(data, chosen)
     if factor != [1.0, 1.0, 1.0]:  # a factor of light, not of sRGB
         scaled = image * np.clip(factor, 0, 1) ** (1 / 2.2)
         image = np.round(scaled).astype(np.uint8)
-    if others:
-        warnings.warn(
-            f"{data.path}: the mesh has {others + 1} pictures of base colour; the one on most "
-            "triangles is kept, the others are left out.",
-            stacklevel=5,
-        )
     return Texture(image, np.concatenate(uv))
 
 
@@ -84,21 +63,14 @@ def _look(data, primitive):
     return texture.index("source", data.json.items("images")), place, material
 
 
-def _places(data, primitive, place, draco):
+def _places(data, primitive, place):
     """Texture coordinates of the vertices of a primitive, shape (n, 2)."""
-    attributes, accessors = primitive.item("attributes"), data.lists["accessors"]
     moved = place.item("extensions").item("KHR_texture_transform")
     semantic = f"TEXCOORD_{moved.whole('texCoord', place.whole('texCoord', 0), high=9)}"
-    count = data.count(attributes.index("POSITION", accessors))
-    if draco and semantic in draco[1]:
-        found = draco[0].get_attribute_by_unique_id(draco[1].whole(semantic))
-        uv = None if found is None else np.asarray(found["data"])
-    else:
-        uv = data.array(attributes.index(semantic, accessors), "VEC2")
-    if uv is None or uv.shape != (count, 2) or not (np.abs(uv) < 1e4).all():
-        raise ValueError(
-            f"{data.path}: {attributes.at(semantic)} does not hold two sound numbers for each of "
-            f"{count} vertices; export the file again."
+    uv = data.attribute(primitive, semantic, "VEC2")
+    if not (np.abs(uv) < 1e4).all():
+        raise primitive.item("attributes").damaged(
+            f"does not hold two sound numbers for each of {len(uv)} vertices", semantic
         )
     if moved.value.get("rotation", 0) != 0:
         raise moved.wrong("rotation", "0: textures that are turned are not read")

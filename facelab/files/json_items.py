@@ -4,6 +4,8 @@ import json
 import math
 import warnings
 
+from facelab.files.words import damaged
+
 
 def load_json(data, path, what):
     """The object in some bytes of JSON, as an `Item`.
@@ -81,6 +83,10 @@ class Item:
         found = repr(self.value[key])[:60] if key in self.value else "missing"
         return ValueError(f"{self.path}: {self.at(key)} is {found}, but must be {wanted}.")
 
+    def damaged(self, what, key=None):
+        """The error for an object, or a value in it, that contradicts the rest of the file."""
+        return damaged(f"{self.path}: {self.place if key is None else self.at(key)} {what}")
+
     def whole(self, key, default=None, low=0, high=None):
         """A whole number from `low` to `high`; the default where it is missing, if there is one."""
         value = self.value.get(key, default)
@@ -90,30 +96,28 @@ class Item:
         wanted = "one of none" if high is not None and high < low else wanted
         if isinstance(value, float) and value.is_integer() and abs(value) < 2**53:
             value = int(value)
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise self.wrong(key, f"a whole number, {wanted}")
-        if value < low or value >= 2**53 or (high is not None and value > high):
+        is_whole = isinstance(value, int) and not isinstance(value, bool)
+        if not is_whole or not low <= value < 2**53 or (high is not None and value > high):
             raise self.wrong(key, f"a whole number, {wanted}")
         return value
 
     def index(self, key, of):
         """A whole number that counts the items of a list of the file."""
-        n = len(of)
-        return self.whole(key, low=0, high=n - 1)
+        return self.whole(key, high=len(of) - 1)
+
+    def _of(self, kind, key, default, wanted):
+        value = self.value.get(key, default)
+        if value is not default and not isinstance(value, kind):
+            raise self.wrong(key, wanted)
+        return value
 
     def flag(self, key):
         """True or false; false where it is missing."""
-        value = self.value.get(key, False)
-        if not isinstance(value, bool):
-            raise self.wrong(key, "true or false")
-        return value
+        return self._of(bool, key, False, "true or false")
 
     def text(self, key, default=None):
         """A text; the default where it is missing."""
-        value = self.value.get(key, default)
-        if value is not default and not isinstance(value, str):
-            raise self.wrong(key, "a text")
-        return value
+        return self._of(str, key, default, "a text")
 
     def numbers(self, key, count=None, default=None):
         """A list of `count` finite numbers; the default where it is missing."""
@@ -127,30 +131,29 @@ class Item:
 
     def texts(self, key):
         """A list of texts, empty where it is missing."""
-        value = self.value.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+        value = self._of(list, key, [], "a list of texts")
+        if not all(isinstance(v, str) for v in value):
             raise self.wrong(key, "a list of texts")
         return value
 
+    def listed(self, key, wanted):
+        """A list as an object whose keys are places; empty where it is missing."""
+        value = self._of(list, key, [], wanted)
+        return Item(dict(enumerate(value)), self.path, self.at(key))
+
     def wholes(self, key, of=None):
         """A list of whole numbers from 0 up, below the length of `of`; empty where missing."""
-        value = self.value.get(key, [])
-        if not isinstance(value, list):
-            raise self.wrong(key, "a list of whole numbers")
-        listed = Item(dict(enumerate(value)), self.path, self.at(key))
+        listed = self.listed(key, "a list of whole numbers")
         return [listed.whole(k, high=None if of is None else len(of) - 1) for k in listed.value]
 
     def item(self, key):
         """An object within; empty where it is missing."""
-        value = self.value.get(key, {})
-        if not isinstance(value, dict):
-            raise self.wrong(key, "an object")
-        return Item(value, self.path, self.at(key))
+        return Item(self._of(dict, key, {}, "an object"), self.path, self.at(key))
 
     def items(self, key):
         """A list of objects within, empty where it is missing."""
-        value = self.value.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(v, dict) for v in value):
+        value = self._of(list, key, [], "a list of objects")
+        if not all(isinstance(v, dict) for v in value):
             raise self.wrong(key, "a list of objects")
         return [Item(v, self.path, f"{self.at(key)}[{k}]") for k, v in enumerate(value)]
 

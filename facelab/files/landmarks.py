@@ -12,7 +12,8 @@ from scipy.spatial import cKDTree
 
 from facelab.checks import as_finite, check_index, check_number, check_type
 from facelab.files.json_items import load_json
-from facelab.files.text import text_lines
+from facelab.files.text import as_number, text_lines
+from facelab.files.words import damaged, listed
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.storage import StoredArrays, atomic_path, existing_file
 
@@ -23,7 +24,6 @@ _NUMBERED = {68: MULTI_PIE, 51: MULTI_PIE[17:]}  # lists without names in an ord
 _MOST = 4_000_000  # bytes; a file of landmarks has some thousands
 _FAR = 5.0  # mm from the mesh: a landmark that belongs to another one, or another unit
 _INTEGER = re.compile(r"-?\d{1,15}", re.ASCII)
-_NUMBER = re.compile(r"[-+0-9.,eE]+", re.ASCII)
 _HEADER = {*"name names label landmark index indices idx vertex id x y z".split()}
 _UP = ("eye_right_outer", "eye_left_outer", "chin", "nose_tip")
 
@@ -164,16 +164,13 @@ def _ljson(path, top):
             )
         top = groups.item(next(iter(groups.value)))
     held = top.item("landmarks")
-    if not isinstance(held.value.get("points"), list):
-        raise held.wrong("points", "a list of points")
-    listed = dict(enumerate(held.value["points"]))
-    rows = [_point(type(held)(listed, path, held.at("points")), k) for k in listed]
+    points = held.listed("points", "a list of points")
+    rows = [_point(points, k) for k in points.value]
     names = [None] * len(rows)
     for label in top.items("labels"):
         mask = label.value.get("mask")
-        if isinstance(mask, list) and len(mask) == len(rows) and all(m in (0, 1) for m in mask):
-            if any(isinstance(m, bool) for m in mask):  # as some write it; menpo lists places
-                label.value["mask"] = [k for k, m in enumerate(mask) if m]
+        if isinstance(mask, list) and len(mask) == len(rows) and {*map(type, mask)} == {bool}:
+            label.value["mask"] = np.flatnonzero(mask).tolist()  # as some write it; menpo's way
         mask = label.wholes("mask", of=rows)
         text = label.text("label", "")
         for k, v in enumerate(mask):
@@ -217,8 +214,8 @@ def _picked(path):
         ) from None
     names, rows = [], []
     for k, point in enumerate(root.iter("point"), 1):
-        row = [_number(point.get(axis, "")) for axis in "xyz"]
-        if not all(map(math.isfinite, row)):
+        row = [as_number(point.get(axis, "")) for axis in "xyz"]
+        if None in row or not np.isfinite(row).all():
             at = [f"{axis}={point.get(axis)!r}" for axis in "xyz"]
             raise ValueError(
                 f"{path}: point {k} has {', '.join(at)[:90]}; x, y and z must be numbers."
@@ -233,13 +230,6 @@ def _picked(path):
     return names, np.array(rows)
 
 
-def _number(text):
-    try:
-        return float(text.replace(",", ".")) if _NUMBER.fullmatch(text) else math.nan
-    except ValueError:
-        return math.nan
-
-
 def _nearest(path, mesh, labels, points):
     """Vertices nearest to points; refused if they lie off the mesh."""
     seen = np.isfinite(points).all(axis=1)
@@ -247,7 +237,7 @@ def _nearest(path, mesh, labels, points):
         raise ValueError(f"{path}: all of its landmarks are missing.")
     if not seen.all():
         lost = [n for n, s in zip(labels, seen, strict=True) if not s]
-        warnings.warn(f"{path}: {len(lost)} landmark(s) are missing: {_few(lost)}.", stacklevel=3)
+        warnings.warn(f"{path}: {len(lost)} landmark(s) are missing: {listed(lost)}.", stacklevel=3)
     away, vertex = cKDTree(mesh.vertices).query(points[seen].clip(-1e12, 1e12))
     labels = [n for n, s in zip(labels, seen, strict=True) if s]
     far = away > _FAR
@@ -274,7 +264,7 @@ def _listed(path, mesh):
     for at, line, _ in text_lines(path, "list of landmarks"):
         words = [w.strip("\"'") for w in re.split(r"[\s,;:=\[\]()]+", line.split("#")[0]) if w]
         if words and (lines or not {w.lower() for w in words} <= _HEADER):
-            name = [] if math.isfinite(_number(words[0])) else [words.pop(0)]
+            name = [] if as_number(words[0]) is not None else [words.pop(0)]
             lines.append((at, line.strip()[:60], name, words))
     if not lines:
         raise ValueError(f"{path}: no vertices in it.")
@@ -282,7 +272,7 @@ def _listed(path, mesh):
     points = any(len(w) == 3 and (n or not _whole(w)) for _, _, n, w in lines)
     for (at, shown, _, words), own in zip(lines, named, strict=True):
         if points:
-            good = len(words) == 3 and all(math.isfinite(_number(w)) for w in words)
+            good = len(words) == 3 and None not in map(as_number, words)
         else:
             good = _whole(words) and (len(words) == 1 or not own)
         if not good:
@@ -294,7 +284,7 @@ def _listed(path, mesh):
             raise ValueError(f"{path}, line {at}: some landmarks have a name and others none.")
     names = [name for _, _, [name], _ in lines] if named[0] else None
     if points:
-        return names, np.array([[_number(w) for w in words] for _, _, _, words in lines])
+        return names, np.array([list(map(as_number, words)) for _, _, _, words in lines])
     return names, np.array([int(w) for _, _, _, words in lines for w in words], dtype=np.int64)
 
 
@@ -312,25 +302,21 @@ def _of_names(path, top):
 
 
 def _npy(path, mesh):
-    with open(path, "rb") as stream:
-        try:
-            version = np.lib.format.read_magic(stream)
-            read = {
-                (1, 0): np.lib.format.read_array_header_1_0,
-                (2, 0): np.lib.format.read_array_header_2_0,
-            }[version]
-            shape, _, dtype = read(stream)
-        except Exception:  # a mere accident of the bytes decides which
-            raise ValueError(f"{path}: its header is damaged, or it is no npy file.") from None
-        if dtype.kind not in "iu" or len(shape) != 1 or not shape[0]:
-            what = (
-                "pickled objects, which are never read" if dtype.hasobject else f"{dtype} {shape}"
-            )
-            raise ValueError(f"{path}: it holds {what}; an array of whole numbers (n,) is wanted.")
-        data = stream.read()
-    if len(data) != shape[0] * dtype.itemsize:
-        raise ValueError(f"{path}: it is not as long as its header says; it is cut or damaged.")
-    return None, _as_index(np.frombuffer(data, dtype))
+    try:
+        found = np.lib.format.open_memmap(path, mode="r")  # which takes no memory
+    except Exception:  # a mere accident of the bytes decides which
+        raise ValueError(
+            f"{path}: it is cut or damaged, no npy file, or it holds pickled objects, which are "
+            "never read."
+        ) from None
+    if found.dtype.kind not in "iu" or found.ndim != 1 or not found.size:
+        raise ValueError(
+            f"{path}: it holds {found.dtype} {found.shape}; an array of whole numbers (n,) is "
+            "wanted."
+        )
+    if found.offset + found.nbytes != path.stat().st_size:
+        raise damaged(f"{path}: it is longer than its header says")
+    return None, _as_index(found)
 
 
 def _npz(path, mesh):
@@ -340,7 +326,7 @@ def _npz(path, mesh):
         bary = [n for n in stored.names if "b_coords" in n.lower() or "bary" in n.lower()]
         if len(face) != 1 or len(bary) != 1:
             raise ValueError(
-                f"{path}: it holds {_few(stored.names) or 'nothing'}; wanted are one array of "
+                f"{path}: it holds {listed(stored.names) or 'nothing'}; wanted are one array of "
                 "triangles with 'face' in its name and one of weights with 'b_coords' or 'bary'."
             )
         faces = _as_index(stored.read(face[0], ("n",), "iu"))
@@ -390,7 +376,7 @@ def _named(path, found, n, names):
     twice = sorted({x for x in found if found.count(x) > 1})
     if twice or not all(found):
         raise ValueError(
-            f"{path}: {f'{_few(twice)} stand(s) twice' if twice else 'a landmark has no name'}; "
+            f"{path}: {f'{listed(twice)} stand(s) twice' if twice else 'a landmark has no name'}; "
             "each needs a name of its own (names=)."
         )
     return found
@@ -426,8 +412,4 @@ def _check_places(path, mesh, found):
         at.setdefault(v, []).append(name)
     both = [" and ".join(n) for n in at.values() if len(n) > 1]
     if both:
-        warnings.warn(f"{path}: at one vertex are {_few(both)}.", stacklevel=3)
-
-
-def _few(names):
-    return f"{', '.join(map(str, names[:6]))}{', ...' * (len(names) > 6)}"
+        warnings.warn(f"{path}: at one vertex are {listed(both)}.", stacklevel=3)

@@ -19,17 +19,17 @@ _ELSEWHERE = {
     "2.0, with Shape Keys under Data > Mesh), or convert it with FBX2glTF",
     ".blend": "open it in Blender and save it as GLB (File > Export > glTF 2.0)",
     ".dae": "open it in Blender (File > Import > Collada) and save it as GLB",
-    ".usdz": "open it in Blender (File > Import > USD) and save it as GLB",
-    ".usd": "open it in Blender (File > Import > USD) and save it as GLB",
-    ".usda": "open it in Blender (File > Import > USD) and save it as GLB",
-    ".usdc": "open it in Blender (File > Import > USD) and save it as GLB",
     ".abc": "export it as GLB with its shapes, for an Alembic file holds frames and no shapes",
     ".obj": "a rig is a folder of them, the face at rest and one for each shape; give the folder",
-    ".zip": "unpack it first",
-    ".gz": "unpack it first",
-    ".ma": "export it from Maya as FBX, then open that in Blender and save it as GLB",
-    ".mb": "export it from Maya as FBX, then open that in Blender and save it as GLB",
 }
+_ELSEWHERE |= dict.fromkeys(
+    (".usd", ".usda", ".usdc", ".usdz"),
+    "open it in Blender (File > Import > USD) and save it as GLB",
+)
+_ELSEWHERE |= dict.fromkeys((".zip", ".gz"), "unpack it first")
+_ELSEWHERE |= dict.fromkeys(
+    (".ma", ".mb"), "export it from Maya as FBX, then open that in Blender and save it as GLB"
+)
 
 
 def read_mesh(path, mesh=None, scale=None, bad_faces="refuse"):

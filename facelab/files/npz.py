@@ -57,7 +57,7 @@ def write_motion(path, motion):
     """
     check_type(motion, "motion", MotionSequence, "MotionSequence(positions, fps, mesh)")
     own = dict(positions=motion.positions, fps=motion.fps, valid=motion.valid)
-    save_npz(path, *_MOTION, **own, **_packed(motion.mesh))
+    save_npz(path, *_MOTION, **own, **mesh_arrays(motion.mesh))
 
 
 def read_motion(path):
@@ -105,7 +105,7 @@ def write_face(path, neutral, binding=None):
     (4375, True)
     """
     check_type(neutral, "neutral", TriangleMesh, "give the face at rest")
-    arrays = _packed(neutral)
+    arrays = mesh_arrays(neutral)
     if binding is not None:
         check_type(binding, "binding", LinearBinding, "give that of `bind_to_samples`")
         if not np.array_equal(binding.mesh.vertices, neutral.vertices):
@@ -147,7 +147,20 @@ def _weights(weights, columns, rows, n_control):
     return W
 
 
-def _packed(mesh):
+def stored_rate(stored, what):
+    """Frames a second of an npz file as float, None where it has none; refused if not above 0."""
+    if "fps" not in stored:
+        return None
+    rate = stored.read("fps", kinds="iuf")
+    if rate.size != 1 or not 0 < rate.ravel()[0] < np.inf:
+        raise ValueError(
+            f"{stored.path}: fps is {rate.tolist()!s:.60}, but must be one {what} above 0."
+        )
+    return float(rate.ravel()[0])
+
+
+def mesh_arrays(mesh):
+    """The arrays of a mesh with its landmarks, as npz files of facelab hold them: dict."""
     names, places = list(mesh.landmarks), list(mesh.landmarks.values())
     return dict(
         vertices=mesh.vertices,

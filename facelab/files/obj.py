@@ -7,17 +7,18 @@ from itertools import pairwise
 
 import numpy as np
 
-from facelab.checks import check_choice
-from facelab.files.obj_texture import texture_of
-from facelab.files.parts import MeshFile, check_coordinates, refuse_bad_faces
-from facelab.geometry.polygons import triangulate
+from facelab.files.obj_texture import texture_of, uncommented
+from facelab.files.parts import MeshFile, check_coordinates, triangles_of
+from facelab.files.pictures import or_left_out
+from facelab.files.words import damaged, listed
 from facelab.storage import atomic_path, existing_file
 
 _KEYWORDS = set(  # of the format, beside v, vt, vn, f, fo, o and g: passed over
-    b"vp deg bmat step cstype p l curv curv2 surf parm trim hole scrv sp end con s mg bevel "
-    b"c_interp d_interp lod usemtl mtllib usemap maplib shadow_obj trace_obj ctech stech call csh "
+    b"vp deg bmat step cstype p l parm trim hole scrv sp end con s mg bevel "
+    b"c_interp d_interp lod usemtl mtllib usemap maplib shadow_obj trace_obj ctech stech csh "
     b"bsp bzp cdc cdp res".split()
 )
+_FORMS = (b"surf", b"curv", b"curv2", b"call")  # what would be more of the mesh
 _NUMBER = re.compile(rb"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _NUMBERS = re.compile(rb"(?:[-+]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?+\d++)?+(?: |\Z))*+")
 _UNEVEN = (b"\\", b"\n ", b"\n\t", b"\r ", b"\r\t", b"\nv\t", b"\nf\t")  # goes on, or is set in
@@ -57,8 +58,9 @@ def read_obj(path, bad_faces="refuse"):
     Warns
     -----
     UserWarning
-        Naming lines that were left out, unknown keywords, texture coordinates or normals that are
-        named but not there, and a texture that could not be read.
+        Naming lines that were left out, unknown keywords, curves and surfaces that are no polygons,
+        texture coordinates or normals that are named but not there, and a texture that could not
+        be read.
     """
     return read_obj_file(path, bad_faces).whole()
 
@@ -94,72 +96,87 @@ def read_obj_polygons(path):
     As the file has them, to be compared: bad ones are -1.
     """
     path = existing_file(path, "OBJ file")
-    vertices, polygons, n_normal, n_place = 0, [], 0, 0
-    for number, words in _lines(_text(path)):
-        vertices += words[0] == b"v"
-        n_place += words[0] == b"vt"
-        n_normal += words[0] == b"vn"
-        if words[0] in (b"f", b"fo"):
-            polygons.append((number, words[1:], (vertices, n_place, n_normal)))
-    if not polygons:
-        raise ValueError(f"{path}: vertices but no faces (no line starts with 'f').")
-    corners, _, counts = _corners(path, polygons, (vertices, n_place, n_normal))
+    corners, _, counts = _corners(path, _Lines(path))
     return corners.tolist(), counts.tolist()
 
 
 def read_obj_file(path, bad_faces="refuse"):
     """All that an OBJ file holds, its objects and groups as parts: a `MeshFile`; as `read_obj`."""
-    check_choice(bad_faces, "bad_faces", ("refuse", "leave out"))
     path = existing_file(path, "OBJ file")
-    vertices, polygons, sections, unknown = [], [], [], []
-    places, libraries, materials = [], [], []
-    n_normal = 0
-    for number, words in _lines(_text(path)):
-        word = words[0]
-        if word == b"v":
-            vertices.append((number, words))
-        elif word in (b"f", b"fo"):
-            polygons.append((number, words[1:], (len(vertices), len(places), n_normal)))
-        elif word == b"vt":
-            places.append((number, words))
-        elif word == b"vn":
-            n_normal += 1
-        elif word in (b"o", b"g"):
-            names = [b" ".join(words[1:])] if word == b"o" else words[1:]
-            names = [n.decode(errors="replace") for n in names if n]
-            sections.append((len(polygons), word, names))
-        elif word == b"mtllib":
-            libraries.append(b" ".join(words[1:]))
-        elif word == b"usemtl":
-            materials.append((len(polygons), b" ".join(words[1:])))
-        elif word not in _KEYWORDS:
-            unknown.append((number, words))
-    V = _vertices(path, vertices)
-    if not polygons:
-        raise ValueError(f"{path}: vertices but no faces (no line starts with 'f').")
-    _say_unknown(path, unknown)
-    corners, on_picture, counts = _corners(path, polygons, (len(V), len(places), n_normal))
-    good = _good_faces(path, polygons, corners, counts, len(V), bad_faces)
-    kept = corners[np.repeat(good, counts)]
-    try:
-        F, polygon = triangulate(V, kept, counts[good])
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    owner = np.flatnonzero(good)[polygon]
+    lines = _Lines(path)
+    V = _vertices(path, lines.vertices)
+    corners, on_picture, counts = _corners(path, lines)
+    _say_unknown(path, lines.unknown)
+    if lines.forms:
+        warnings.warn(
+            f"{path}: {len(lines.forms)} curve(s), surface(s) or other file(s) that it calls are "
+            f"not read, the first in line {lines.forms[0]}; export them as polygons.",
+            stacklevel=3,
+        )
+    words = [word for _, corners, _ in lines.polygons for word in corners]
+    F, owner, kept = triangles_of(
+        path, V, corners, counts, bad_faces,
+        place=lambda k: f"line {lines.polygons[k][0]}",
+        lacks=lambda at: (
+            f"index {words[at].split(b'/')[0].decode()} is out of range; the file has {len(V)} "
+            "vertices, counted from 1 (or back from -1)"
+        ),
+        words=(
+            "a face with {} corner(s); it needs 3 or more", "the face uses a vertex twice",
+        ),
+    )  # fmt: skip
     texture = None
-    if libraries and materials and places:
-        own = on_picture[np.repeat(good, counts)][_corner_of(F, polygon, kept, counts[good])]
-        texture = texture_of(path, places, libraries, materials, own, owner)
-    parts = {n: np.flatnonzero(m) for n, m in _parts(sections, owner).items()}
-    return MeshFile(path, V, F, parts, texture=texture)
+    if lines.libraries and lines.materials and lines.places:
+        polygon = np.repeat(np.arange(len(counts)), counts)
+        own = on_picture[kept][_corner_of(F, owner, corners[kept], polygon[kept])]
+        texture = or_left_out(
+            texture_of, path, lines.places, lines.libraries, lines.materials, own, owner
+        )
+    return MeshFile(path, V, F, _parts(lines.sections, owner), texture=texture)
 
 
-def _corner_of(F, polygon, corners, counts):
-    """Which corner of all polygons each corner of the triangles is: shape of F."""
+class _Lines:
+    """The lines of an OBJ file by what they say, with their numbers or what stands before them."""
+
+    def __init__(self, path):
+        self.vertices, self.places, self.n_normals = [], [], 0
+        self.polygons, self.sections, self.unknown = [], [], []
+        self.libraries, self.materials, self.forms = [], [], []
+        for number, words in _lines(_text(path)):
+            word = words[0]
+            if word == b"v":
+                self.vertices.append((number, words))
+            elif word in (b"f", b"fo"):
+                self.polygons.append((number, words[1:], self.totals))
+            elif word == b"vt":
+                self.places.append((number, words))
+            elif word == b"vn":
+                self.n_normals += 1
+            elif word in (b"o", b"g"):
+                names = [b" ".join(words[1:])] if word == b"o" else words[1:]
+                names = [n.decode(errors="replace") for n in names if n]
+                self.sections.append((len(self.polygons), word, names))
+            elif word == b"mtllib":
+                self.libraries.append(b" ".join(words[1:]))
+            elif word == b"usemtl":
+                self.materials.append((len(self.polygons), b" ".join(words[1:])))
+            elif word in _FORMS:
+                self.forms.append(number)
+            elif word not in _KEYWORDS:
+                self.unknown.append((number, words))
+
+    @property
+    def totals(self):
+        """Vertices, texture coordinates and normals so far."""
+        return len(self.vertices), len(self.places), self.n_normals
+
+
+def _corner_of(F, owner, corners, polygon):
+    """Which corner of the polygons each corner of their triangles is: shape of F."""
     n = corners.max() + 1
-    keys = np.repeat(np.arange(len(counts)), counts) * n + corners  # no polygon has a vertex twice
+    keys = polygon * n + corners  # no polygon has a vertex twice
     order = np.argsort(keys)
-    return order[np.searchsorted(keys, polygon[:, None] * n + F, sorter=order)]
+    return order[np.searchsorted(keys, owner[:, None] * n + F, sorter=order)]
 
 
 def _text(path):
@@ -178,7 +195,7 @@ def _lines(text):
     for number, line in enumerate([*text.splitlines(), b""], 1):
         line = held + line
         held = line[:-1] + b" " if line.endswith(b"\\") else b""
-        words = [] if held else line.split(b"#", 1)[0].split()
+        words = [] if held else uncommented(line).split()
         if words:
             yield number, words
 
@@ -201,8 +218,7 @@ def _say_unknown(path, unknown):
         words = sorted({_shown(w[:1]) for _, w in unknown})
         warnings.warn(
             f"{path}: {len(unknown)} line(s) with keywords that OBJ does not have were passed over:"
-            f" {', '.join(words[:6])}{', ...' * (len(words) > 6)}; the first is line "
-            f"{unknown[0][0]}.",
+            f" {listed(words)}; the first is line {unknown[0][0]}.",
             stacklevel=4,
         )
 
@@ -236,9 +252,7 @@ def _refuse_vertex(path, number, words):
                     f"{at} has decimal commas, but OBJ has points; export it again, with the "
                     "program set to English numbers."
                 )
-            raise ValueError(
-                f"{at} holds no numbers ({_shown([word])}); the file is damaged, export it again."
-            )
+            raise damaged(f"{at} holds no numbers ({_shown([word])})")
     if len(words) < 4:
         raise ValueError(f"{at} has not three coordinates.")
     if len(words) not in (4, 5, 7, 8):
@@ -250,11 +264,14 @@ def _refuse_vertex(path, number, words):
         raise ValueError(f"{at} holds NaN or infinity; repair that vertex.")
 
 
-def _corners(path, polygons, totals):
+def _corners(path, lines):
     """Vertex and texture coordinates of each corner of all faces, and how many a face has.
 
     Both are counted from 0; -1 where there is none.
     """
+    polygons = lines.polygons
+    if not polygons:
+        raise ValueError(f"{path}: vertices but no faces (no line starts with 'f').")
     counts = np.array([len(words) for _, words, _ in polygons])
     joined = b" ".join([w for _, words, _ in polygons for w in words]) + b" " * bool(counts.sum())
     for form, columns in _PLAIN:
@@ -268,7 +285,7 @@ def _corners(path, polygons, totals):
         found, named = _mixed_corners(path, polygons)
     so_far = np.repeat(np.array([s for _, _, s in polygons]), counts, axis=0)
     index = np.where(found < 0, found + so_far, found - 1)
-    index[(found == 0) | (index >= totals)] = -1
+    index[(found == 0) | (index >= lines.totals)] = -1
     missing = (named & (index < 0))[:, 1:].any(axis=1)
     if missing.any():
         lines = np.repeat([n for n, _, _ in polygons], counts)[missing]
@@ -302,33 +319,8 @@ def _mixed_corners(path, polygons):
     return np.array([[int(g or 0) for g in groups] for groups in found], dtype=np.int64), named
 
 
-def _good_faces(path, polygons, corners, counts, n_vertices, bad_faces):
-    """Which faces can be used; the others are refused by line, or left out with a warning."""
-    reasons = {
-        int(k): "a face with {} corner(s); it needs 3 or more" for k in np.flatnonzero(counts < 3)
-    }
-    owner = np.repeat(np.arange(len(counts)), counts)
-    start = np.cumsum(counts) - counts
-    for at in np.flatnonzero(corners < 0)[::-1].tolist():
-        word = polygons[owner[at]][1][at - start[owner[at]]]
-        index = word.split(b"/")[0].decode()
-        reasons[int(owner[at])] = (
-            f"index {index} is out of range; the file has {n_vertices} vertices, counted from 1 "
-            "(or back from -1)"
-        )
-    order = np.lexsort((corners, owner))
-    again = (np.diff(corners[order]) == 0) & (np.diff(owner[order]) == 0)
-    for k in np.unique(owner[order][1:][again]).tolist():
-        reasons.setdefault(k, "the face uses a vertex twice")
-    good = np.ones(len(counts), dtype=bool)
-    good[list(reasons)] = False
-    places = [(f"line {polygons[k][0]}", reasons[k].format(counts[k])) for k in sorted(reasons)]
-    refuse_bad_faces(path, places, bad_faces, len(counts))
-    return good
-
-
 def _parts(sections, owner):
-    """Triangles of each object and group, as masks; a name of both is the object's."""
+    """Triangles of each object and group; a name of both is the object's."""
     parts, starts = {}, {}
     for kind in (b"o", b"g"):
         own = [(begin, names) for begin, word, names in sections if word == kind]
@@ -342,7 +334,7 @@ def _parts(sections, owner):
         for begin, end in runs:
             mask |= (owner >= begin) & (owner < end)
         if mask.any():
-            parts[name] = mask
+            parts[name] = np.flatnonzero(mask)
     return parts
 
 

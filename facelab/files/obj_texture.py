@@ -1,20 +1,20 @@
 """The picture of an OBJ mesh, by way of its material library.
 
-A texture that cannot be read is left out with a warning; the mesh is read without.
-
 References
 ----------
 Wavefront Technologies, Advanced Visualizer manual, appendices B1 (object files) and B2 (materials).
 """
 
 import codecs
-import warnings
+import re
 
 import numpy as np
 
-from facelab.files.pictures import MOST_BYTES, bytes_beside, picture
+from facelab.files.pictures import MOST_BYTES, bytes_beside, most_seen, picture
+from facelab.files.words import damaged
 from facelab.geometry.texture import Texture
 
+_COMMENT = re.compile(rb"(?:^|\s)#")
 _MOST_OF_TEXT = 16 << 20  # bytes of a library
 
 
@@ -39,14 +39,6 @@ def texture_of(path, places, libraries, materials, corners, polygon):
     -------
     Texture or None
     """
-    try:
-        return _texture(path, places, libraries, materials, corners, polygon)
-    except (ValueError, FileNotFoundError) as error:  # ours, with file and place
-        warnings.warn(f"{error} The texture is left out.", stacklevel=4)
-        return None
-
-
-def _texture(path, places, libraries, materials, corners, polygon):
     pictures = {}
     for names in libraries:
         pictures |= _library(path, names)
@@ -57,17 +49,15 @@ def _texture(path, places, libraries, materials, corners, polygon):
     found, counts = np.unique(on[on != ""], return_counts=True)
     if not found.size:
         return None
-    chosen = found[counts.argmax()]
-    image = _image(path, chosen)
-    if len(found) > 1:
-        warnings.warn(
-            f"{path}: the mesh has {len(found)} pictures of base colour; the one on most "
-            "triangles is kept, the others are left out.",
-            stacklevel=5,
-        )
+    chosen = most_seen(path, dict(zip(found.tolist(), counts.tolist(), strict=True)))
     uv = np.full((len(polygon), 3, 2), np.nan, np.float32)
     uv[on == chosen] = _coordinates(path, places)[corners[on == chosen]]
-    return Texture(image, uv)
+    return Texture(_image(path, chosen), uv)
+
+
+def uncommented(line):
+    """A line, in bytes, without its comment; a `#` within a word is part of a name."""
+    return _COMMENT.split(line, maxsplit=1)[0] if b"#" in line else line
 
 
 def _coordinates(path, places):
@@ -77,9 +67,7 @@ def _coordinates(path, places):
     except ValueError:
         uv = np.full((1, 2), np.nan)
     if not (np.abs(uv) < 1e4).all():
-        raise ValueError(
-            f"{path}: lines that start with 'vt' do not all hold sound numbers; export it again."
-        )
+        raise damaged(f"{path}: lines that start with 'vt' do not all hold sound numbers")
     return uv * [1, -1] + [0, 1]
 
 
@@ -90,7 +78,7 @@ def _library(path, names):
     for name in [names] if (path.parent / names).is_file() else names.split():
         text = bytes_beside(path, name, "a material library (mtllib)", _MOST_OF_TEXT)
         for line in text.removeprefix(codecs.BOM_UTF8).splitlines():
-            word, _, rest = line.split(b"#", 1)[0].strip().partition(b" ")
+            word, _, rest = uncommented(line).strip().partition(b" ")
             if word == b"newmtl":
                 current = rest.strip()
             elif word.lower() == b"map_kd":

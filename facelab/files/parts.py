@@ -6,7 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from facelab.checks import check_choice
+from facelab.files.words import listed
 from facelab.geometry.mesh import TriangleMesh
+from facelab.geometry.polygons import triangulate
 from facelab.geometry.texture import Texture
 
 LONGEST = 1e12  # a length beyond it is damage, in any unit, and would overflow when squared
@@ -68,7 +71,7 @@ class MeshFile:
         if not self.parts:
             return "it has no named parts, leave mesh= out"
         sizes = [f"{n!r} ({len(self.vertices_of(n))} vertices)" for n in self.parts]
-        return f"its parts are {', '.join(sizes[:20])}{', ...' * (len(sizes) > 20)}"
+        return f"its parts are {listed(sizes, 20)}"
 
     def _mesh(self, vertices, faces, texture):
         try:
@@ -87,23 +90,65 @@ def check_coordinates(V, place):
         )
 
 
-def refuse_bad_faces(path, places, bad_faces, n_faces):
-    """Refuse bad faces, naming the first and where the others are; or warn that they are left out.
+def triangles_of(path, V, corners, counts, bad_faces, place, lacks, words):
+    """Triangles of the polygons of a file; bad ones are refused by their place, or left out.
+
+    Bad are those with fewer than three corners, with one twice, or with one that is no vertex.
 
     Parameters
     ----------
     path : Path
-    places : list of (str, str)
-        Place and reason of each, in the order of the file.
+    V : ndarray of shape (n_vertices, 3)
+    corners : ndarray of int, shape (n_corners,)
+        Vertices of the first polygon, then those of the second, and so on.
+    counts : ndarray of int, shape (n_polygons,)
+        Corners of each polygon.
     bad_faces : {"refuse", "leave out"}
-    n_faces : int
-        In all; it is refused in any case that none is left.
+    place : callable
+        Turns the number of a polygon into words.
+    lacks : callable
+        Says which vertex is not there, of a number of a corner.
+    words : (str, str)
+        What is said of too few corners (`{}` of them), and of a vertex that is there twice.
+
+    Returns
+    -------
+    F : ndarray of int, shape (n_faces, 3)
+    polygon : ndarray of int, shape (n_faces,)
+        That each triangle comes from.
+    kept : ndarray of bool, shape (n_corners,)
+        The corners of good polygons.
+    """
+    check_choice(bad_faces, "bad_faces", ("refuse", "leave out"))
+    owner = np.repeat(np.arange(len(counts)), counts)
+    reasons = {k: words[0].format(counts[k]) for k in np.flatnonzero(counts < 3).tolist()}
+    for at in np.flatnonzero((corners < 0) | (corners >= len(V)))[::-1].tolist():
+        reasons[int(owner[at])] = lacks(at)
+    order = np.lexsort((corners, owner))
+    again = (np.diff(corners[order]) == 0) & (np.diff(owner[order]) == 0)
+    for k in np.unique(owner[order][1:][again]).tolist():
+        reasons.setdefault(k, words[1])
+    _refuse_bad_faces(path, [(place(k), reasons[k]) for k in sorted(reasons)], bad_faces, counts)
+    good = np.ones(len(counts), dtype=bool)
+    good[list(reasons)] = False
+    kept = np.repeat(good, counts)
+    try:
+        F, polygon = triangulate(V, corners[kept], counts[good])
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return F, np.flatnonzero(good)[polygon], kept
+
+
+def _refuse_bad_faces(path, places, bad_faces, counts):
+    """Refuse bad faces, naming the first and where the others are; or warn that they are left out.
+
+    `places` are place and reason of each; that none would be left is refused in any case.
     """
     if not places:
         return
+    n_faces = len(counts)
     (where, reason), others = places[0], [p for p, _ in places[1:]]
-    more = f", ... ({len(others)})" if len(others) > 6 else ""
-    also = f" (so are {', '.join(others[:6])}{more})" if others else ""
+    also = f" (so are {listed(others)})" if others else ""
     if bad_faces == "refuse" or len(places) == n_faces:
         remedy = (
             "remove it" if len(places) == n_faces else 'remove it, or give bad_faces="leave out"'

@@ -84,3 +84,26 @@ def picture(stored, where):
     opened = opened.convert("RGB")
     opened.thumbnail((_KEPT, _KEPT))
     return np.asarray(opened)
+
+
+def most_seen(path, on):
+    """The picture that is on most triangles, of how many each is on; the others are said."""
+    if len(on) > 1:
+        warnings.warn(
+            f"{path}: the mesh has {len(on)} pictures of base colour; the one on most triangles is "
+            "kept, the others are left out.",
+            stacklevel=5,
+        )
+    return max(on, key=on.get)
+
+
+def or_left_out(texture_of, *about):
+    """The texture that a function makes; None, with a warning, where it cannot be read.
+
+    The mesh is read without.
+    """
+    try:
+        return texture_of(*about)
+    except (ValueError, FileNotFoundError) as error:  # ours, with file and place
+        warnings.warn(f"{error} The texture is left out.", stacklevel=4)
+        return None

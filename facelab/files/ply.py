@@ -1,12 +1,13 @@
 """PLY, the Stanford polygon format, text or binary: a strict reader, and a writer."""
 
+import math
 import re
 
 import numpy as np
 
-from facelab.checks import as_finite, check_choice
-from facelab.files.parts import MeshFile, check_coordinates, refuse_bad_faces
-from facelab.geometry.polygons import triangulate
+from facelab.checks import as_finite
+from facelab.files.parts import MeshFile, check_coordinates, triangles_of
+from facelab.files.words import damaged
 from facelab.storage import atomic_path, existing_file
 
 _TYPES = {
@@ -16,8 +17,6 @@ _TYPES = {
 }
 _FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LONGEST_HEADER = 1 << 20  # bytes
-_NUMBERS = re.compile(rb"(?:[-+]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?+\d++)?+(?: |\Z))*+")
-_WHOLE = re.compile(rb"[-+]?\d{1,18}")
 
 
 def read_ply_file(path, bad_faces="refuse"):
@@ -38,7 +37,6 @@ def read_ply_file(path, bad_faces="refuse"):
     FileNotFoundError, ValueError
         For a missing, empty or damaged file; the message names the row.
     """
-    check_choice(bad_faces, "bad_faces", ("refuse", "leave out"))
     path = existing_file(path, "PLY file")
     data = path.read_bytes()
     form, elements, start = _header(path, data)
@@ -93,9 +91,9 @@ def _header(path, data):
                 raise ValueError(f"{at}: the property {words[-1]!r} is there twice.")
             elements[-1][2][words[-1]] = _property(words)
         else:
-            raise ValueError(f"{at} is no line of a PLY header; export the file again.")
+            raise damaged(f"{at} is no line of a PLY header")
     if form is None:
-        raise ValueError(f"{path}: the header names no format; export the file again.")
+        raise damaged(f"{path}: the header names no format")
     for name, count, columns in elements:
         if count and not columns:
             raise ValueError(f"{path}: element {name!r} has {count} rows but no properties.")
@@ -127,19 +125,17 @@ class _Rows:
         width = sum(np.dtype(types[0]).itemsize for types in columns.values())
         left = len(self.body) - self.at
         if count * (width if self.form else 1) > left:
-            raise ValueError(
-                f"{self.path}: the file ends early: the header promises {count} rows of "
-                f"{name!r}, and {left} {'bytes' if self.form else 'rows'} are left; export it "
-                "again."
+            raise damaged(
+                f"{self.path}: the file ends early: the header promises {count} rows of {name!r}, "
+                f"and {left} {'bytes' if self.form else 'rows'} are left"
             )
         if not count:
-            nothing = np.empty(0)
-            return {
-                n: nothing if len(t) == 1 else (nothing.astype(int), nothing.astype(int))
-                for n, t in columns.items()
-            }
-        read = self._binary if self.form else self._text
-        return read(name, count, columns)
+            nothing = np.empty(0, dtype=int)
+            return {n: nothing if len(t) == 1 else (nothing, nothing) for n, t in columns.items()}
+        if not self.form:
+            return self._text(name, count, columns)
+        alike = self._binary_alike(count, columns)
+        return self._binary(name, count, columns) if alike is None else alike
 
     def end(self):
         """Refuse what follows the last row."""
@@ -152,81 +148,60 @@ class _Rows:
 
     # --- binary -----------------------------------------------------------------------------------
 
-    def _binary(self, name, count, columns):
-        lengths = self._lengths_if_alike(count, columns)
-        if lengths is None:
-            return self._binary_uneven(name, count, columns)
-        fields = []
+    def _binary_alike(self, count, columns):
+        """All rows at once where their lists are as long as those of the first, else None."""
+        fields, at = [], self.at
         for column, types in columns.items():
+            kinds = [np.dtype(self.form + t) for t in types]
+            n = ()
             if len(types) == 2:
-                fields += [(f"#{column}", self.form + types[0])]
-                fields += [(column, self.form + types[1], (lengths[column],))]
-            else:
-                fields += [(column, self.form + types[0])]
-        rows = np.frombuffer(self.body, np.dtype(fields), count, self.at)
-        self.at += rows.nbytes
-        return {
-            c: (rows[c].ravel(), np.full(count, lengths[c])) if len(t) == 2 else rows[c]
-            for c, t in columns.items()
-        }
-
-    def _lengths_if_alike(self, count, columns):
-        """Length of each list where all rows are alike, else None."""
-        lengths, at, fields = {}, self.at, []
-        for column, types in columns.items():
-            if len(types) == 2:
-                kind = np.dtype(self.form + types[0])
-                if at + kind.itemsize > len(self.body):
-                    return None
-                lengths[column] = n = int(np.frombuffer(self.body, kind, 1, at)[0])
-                fields += [(f"#{column}", kind)]
-                at += kind.itemsize
-                width = np.dtype(types[1]).itemsize * n
-            else:
-                width = np.dtype(types[0]).itemsize
-            if width < 0 or at + width > len(self.body):
+                n = (self._count(at, kinds[0]),)
+                at += kinds[0].itemsize
+                fields.append((f"number of {column}", kinds[0]))  # no column has blanks
+            at += kinds[-1].itemsize * math.prod(n)
+            fields.append((column, kinds[-1], n))
+            if min(n, default=0) < 0 or at > len(self.body):
                 return None
-            at += width
-            fields += [(column, f"V{width}")] * (width > 0)
-        size = at - self.at
-        if self.at + size * count > len(self.body):
+        if self.at + (at - self.at) * count > len(self.body):
             return None
         rows = np.frombuffer(self.body, np.dtype(fields), count, self.at)
-        alike = all((rows[f"#{column}"] == n).all() for column, n in lengths.items())
-        return lengths if alike else None
+        lengths = {c: rows[f"number of {c}"] for c, types in columns.items() if len(types) == 2}
+        if any((n != n[0]).any() for n in lengths.values()):
+            return None
+        self.at += rows.nbytes
+        return {
+            c: (rows[c].ravel(), lengths[c].astype(int)) if c in lengths else rows[c]
+            for c in columns
+        }
 
-    def _binary_uneven(self, name, count, columns):
+    def _count(self, at, kind):
+        """The whole number that stands at a byte."""
+        order = "big" if self.form == ">" else "little"
+        stored = self.body[at : at + kind.itemsize]
+        return int.from_bytes(stored, order, signed=kind.kind == "i")
+
+    def _binary(self, name, count, columns):
         """Lists of many lengths: find where each row's stand, then take them out at once."""
         kinds = {c: tuple(np.dtype(self.form + t) for t in types) for c, types in columns.items()}
         where = {c: np.empty(count, dtype=np.int64) for c in columns}
         length = {c: np.ones(count, dtype=np.int64) for c in columns}
-        order = "big" if self.form == ">" else "little"
-        body, at, size = self.body, self.at, len(self.body)
+        at = self.at
         for row in range(count):
             for column, types in kinds.items():
+                step = types[-1].itemsize
                 if len(types) == 2:
-                    n = types[0].itemsize
-                    signed = types[0].kind == "i"
-                    length[column][row] = n_items = int.from_bytes(
-                        body[at : at + n], order, signed=signed
-                    )
-                    at += n
-                    step = n_items * types[1].itemsize
-                else:
-                    step = types[0].itemsize
-                if step < 0 or at + step > size:
-                    raise ValueError(
-                        f"{self.path}: row {row} of {name!r} does not fit into the file; it was "
-                        "cut short or is damaged, export it again."
-                    )
+                    length[column][row] = n_items = self._count(at, types[0])
+                    at += types[0].itemsize
+                    step *= n_items
+                if step < 0 or at + step > len(self.body):
+                    raise damaged(f"{self.path}: row {row} of {name!r} does not fit into the file")
                 where[column][row] = at
                 at += step
         self.at = at
-        raw, out = np.frombuffer(body, np.uint8), {}
+        raw, out = np.frombuffer(self.body, np.uint8), {}
         for column, types in kinds.items():
             kind, n = types[-1], length[column]
-            begin = np.repeat(where[column], n)
-            begin += kind.itemsize * (np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n))
+            begin = np.repeat(where[column], n) + kind.itemsize * _within(n)
             values = raw[begin[:, None] + np.arange(kind.itemsize)].copy().view(kind).ravel()
             out[column] = (values, n) if len(types) == 2 else values
         return out
@@ -236,102 +211,72 @@ class _Rows:
     def _text(self, name, count, columns):
         rows = self.body[self.at : self.at + count]
         self.at += count
-        out = self._text_if_alike(rows, columns)
-        if out is not None:
-            return out
-        out, begin = {}, np.zeros(count, dtype=np.int64)  # of each row's next word
-        size = np.array([len(row) for row in rows])
-        words = [w for row in rows for w in row]
-        start = np.cumsum(size) - size
+        ends = np.cumsum([len(row) for row in rows])
+        at = ends - [len(row) for row in rows]  # the next word of each row
+        words = [word for row in rows for word in row]
+        values = self._numbers(name, words, ends)
 
         def take(where, kind):
-            return self._numbers(name, [words[i] for i in where.tolist()], kind, rows, start, where)
+            found = values[where]
+            if kind[0] == "f":
+                return found
+            limits = np.iinfo(kind)
+            odd = (found != np.floor(found)) | (found < limits.min) | (found > limits.max)
+            if odd.any():
+                self._refuse_word(
+                    name, words, ends, where[odd.argmax()], "whole number of its type"
+                )
+            return found.astype(np.int64)
 
+        out = {}
         for column, types in columns.items():
-            self._check_length(name, begin >= size, rows)
+            self._check_length(name, at >= ends, rows)
             if len(types) == 2:
-                n = take(start + begin, types[0])
-                self._check_length(name, (n < 0) | (begin + 1 + n > size), rows)
-                first = np.repeat(start + begin + 1, n)
-                within = np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)
-                out[column] = take(first + within, types[1]), n
-                begin = begin + 1 + n
+                n, at = take(at, types[0]), at + 1
+                self._check_length(name, (n < 0) | (at + n > ends), rows)
+                out[column] = take(np.repeat(at, n) + _within(n), types[1]), n
+                at = at + n
             else:
-                out[column] = take(start + begin, types[0])
-                begin = begin + 1
-        self._check_length(name, begin != size, rows)
+                out[column], at = take(at, types[0]), at + 1
+        self._check_length(name, at != ends, rows)
         return out
 
-    def _text_if_alike(self, rows, columns):
-        """Columns of rows that all have the same form and hold nothing odd, else None."""
-        width = len(rows[0])
-        if any(len(row) != width for row in rows):
-            return None
-        words = [w for row in rows for w in row]
-        if not _NUMBERS.fullmatch(b" ".join(words)):
-            return None
-        values = np.array(words, dtype=float).reshape(-1, width)
-        out, at = {}, 0
-        for column, types in columns.items():
-            n = 1
-            if len(types) == 2:
-                if at >= width or not 0 <= values[0, at] <= width or np.ptp(values[:, at]):
-                    return None
-                n, at = int(values[0, at]), at + 1
-            part = values[:, at : at + n]
-            at += n
-            if at > width:
-                return None
-            if types[-1][0] != "f":
-                limits = np.iinfo(types[-1])
-                if ((part < limits.min) | (part > limits.max) | (part % 1 != 0)).any():
-                    return None
-                part = part.astype(np.int64)
-            out[column] = (part.ravel(), np.full(len(rows), n)) if len(types) == 2 else part[:, 0]
-        return out if at == width else None
+    def _numbers(self, name, words, ends):
+        if b"_" not in b"".join(words):
+            try:
+                return np.array(words, dtype=float)
+            except ValueError:
+                pass  # below it is said where
+        at = next(i for i, word in enumerate(words) if not _is_number(word))
+        self._refuse_word(name, words, ends, at, "number")
+
+    def _refuse_word(self, name, words, ends, at, wanted):
+        row = int(np.searchsorted(ends, at, side="right"))
+        raise ValueError(
+            f"{self.path}: row {row} of {name!r} has {words[at].decode(errors='replace')!r}, "
+            f"which is no {wanted}."
+        )
 
     def _check_length(self, name, wrong, rows):
         if wrong.any():
             row = int(np.flatnonzero(wrong)[0])
             text = b" ".join(rows[row]).decode(errors="replace")[:60]
-            raise ValueError(
+            raise damaged(
                 f"{self.path}: row {row} of {name!r}, {text!r}, has not as many values as the "
-                "header and its own counts promise; export the file again."
+                "header and its own counts promise"
             )
 
-    def _numbers(self, name, words, kind, rows, start, where):
-        try:
-            if b"_" in b"".join(words):
-                raise ValueError
-            if kind[0] == "f":
-                return np.array(words, dtype=float)
-            if not all(map(_WHOLE.fullmatch, words)):
-                raise ValueError
-            values = np.array(words, dtype=np.int64)
-            limits = np.iinfo(kind)
-            if ((values < limits.min) | (values > limits.max)).any():
-                raise ValueError
-            return values
-        except ValueError:
-            fits = _fits_float if kind[0] == "f" else _fits_whole(kind)
-            at = next(i for i, w in enumerate(words) if not fits(w))
-            row = int(np.searchsorted(start, where[at], side="right") - 1)
-            raise ValueError(
-                f"{self.path}: row {row} of {name!r} has {words[at].decode(errors='replace')!r}, "
-                f"which is no {'number' if kind[0] == 'f' else 'whole number of its type'}."
-            ) from None
+
+def _within(counts):
+    """0, 1, ... in each of several lists, one after the other."""
+    return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
-def _fits_float(word):
+def _is_number(word):
     try:
         return b"_" not in word and float(word) is not None
     except ValueError:
         return False
-
-
-def _fits_whole(kind):
-    limits = np.iinfo(kind)
-    return lambda w: bool(_WHOLE.fullmatch(w)) and limits.min <= int(w) <= limits.max
 
 
 def _index_list(path, table, name):
@@ -347,24 +292,14 @@ def _index_list(path, table, name):
 
 def _polygons(path, table, name, V, bad_faces):
     corners, counts = _index_list(path, table, name)
-    owner = np.repeat(np.arange(len(counts)), counts)
-    reasons = {int(k): f"it has {counts[k]} corner(s)" for k in np.flatnonzero(counts < 3)}
-    order = np.lexsort((corners, owner))
-    again = (np.diff(corners[order]) == 0) & (np.diff(owner[order]) == 0)
-    for k in np.unique(owner[order][1:][again]).tolist():
-        reasons.setdefault(k, "it uses a vertex twice")
-    for at in np.flatnonzero((corners < 0) | (corners >= len(V)))[::-1].tolist():
-        reasons[int(owner[at])] = f"vertex {corners[at]} is not among 0 to {len(V) - 1}"
-    places = [(f"face {k}", reasons[k]) for k in sorted(reasons)]
-    refuse_bad_faces(path, places, bad_faces, len(counts))
-    good = np.ones(len(counts), dtype=bool)
-    good[list(reasons)] = False
-    if not good.any():
+    if not len(counts):
         return np.empty((0, 3), dtype=int)
-    try:
-        return triangulate(V, corners[np.repeat(good, counts)], counts[good])[0]
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    return triangles_of(
+        path, V, corners, counts, bad_faces,
+        place=lambda k: f"face {k}",
+        lacks=lambda at: f"vertex {corners[at]} is not among 0 to {len(V) - 1}",
+        words=("it has {} corner(s)", "it uses a vertex twice"),
+    )[0]  # fmt: skip
 
 
 def _strips(path, table, name, V, bad_faces):

@@ -10,7 +10,9 @@ import numpy as np
 from facelab.checks import check_number, check_type
 from facelab.files.gltf_read import GltfScene
 from facelab.files.meshes import check_kind, unit_of
+from facelab.files.npz import mesh_arrays
 from facelab.files.obj import read_obj_file, read_obj_polygons, read_obj_rows
+from facelab.files.words import distinct, listed, quoted
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size, face_scale, longest_side
 from facelab.geometry.welding import alike, same_place, shrunk
@@ -58,8 +60,8 @@ def read_rig(path, mesh=None, scale=None, neutral=None):
     -------
     BlendshapeRig
         Millimetres. Names as in the file; `parts` are the other meshes of the file (eyes, teeth),
-        `source` tells where all came from, `neutral.texture` is the picture of base colours of
-        GLB, glTF and VRM (PNG or JPEG); that of OBJ files is not read.
+        `source` tells where all came from, `neutral.texture` is the picture of base colours
+        (PNG or JPEG).
 
     Raises
     ------
@@ -108,14 +110,15 @@ def _from_gltf(path, mesh, scale):
     scene = GltfScene(path)
     chosen = None if mesh is None else scene.find(mesh)
     shaped = [name for k, name in enumerate(scene.names) if scene.n_targets(k)]
-    if not shaped or (chosen is not None and not scene.n_targets(chosen)):
-        found = f"has no morph targets, but {', '.join(shaped)}" if shaped else "no morph targets"
+    if not shaped:
         raise ValueError(
-            f"{scene.path}: {found} in it; export it with shape keys (Blender: File > Export > "
-            "glTF 2.0, Data > Mesh > Shape Keys), or read it with read_mesh."
-            if not shaped
-            else f"{scene.path}: mesh={mesh!r} has no morph targets; those with some are "
-            f"{', '.join(map(repr, shaped))}."
+            f"{scene.path}: no morph targets in it; export it with shape keys (Blender: File > "
+            "Export > glTF 2.0, Data > Mesh > Shape Keys), or read it with read_mesh."
+        )
+    if chosen is not None and not scene.n_targets(chosen):
+        raise ValueError(
+            f"{scene.path}: mesh={mesh!r} has no morph targets; those with some are "
+            f"{quoted(shaped, 20)}."
         )
     parts = [scene.part(k, shapes=True, texture=True) for k in range(len(scene.names))]
     names = [_distinct(scene.path, part) for part in parts]
@@ -127,8 +130,8 @@ def _from_gltf(path, mesh, scale):
     if shown:
         said = [f"{name} at {weight:g}" for name, weight in shown.items()]
         warnings.warn(
-            f"{scene.path}: the file shows {head.name!r} with {', '.join(said[:6])}"
-            f"{', ...' * (len(said) > 6)}; the face at rest is read without.",
+            f"{scene.path}: the file shows {head.name!r} with {listed(said)}; the face "
+            "at rest is read without.",
             stacklevel=3,
         )
     others = {}
@@ -162,19 +165,13 @@ def _has_size(path, part, scale):
 
 def _distinct(path, part):
     """Names of a part's targets, each once and none empty."""
-    names, found = list(part.names), []
-    for k, name in enumerate(names):
-        label, n = name or f"target {k + 1}", 1
-        new = label
-        while new in found:
-            n += 1
-            new = f"{label} ({n})"
-        found.append(new)
+    names = list(part.names)
+    found = distinct([name or f"target {k + 1}" for k, name in enumerate(names)])
     if found != names:
-        odd = [f"{b}" for a, b in zip(names, found, strict=True) if a != b]
+        odd = [new for name, new in zip(names, found, strict=True) if name != new]
         warnings.warn(
             f"{path}: {len(odd)} morph target(s) of {part.name!r} have no name, or one that is "
-            f"there twice; they are called {', '.join(odd[:6])}{', ...' * (len(odd) > 6)}.",
+            f"there twice; they are called {listed(odd)}.",
             stacklevel=4,
         )
     return found
@@ -201,11 +198,9 @@ def _from_folder(folder, mesh, scale, neutral):
     rest = _neutral_of(folder, files, neutral)
     rest_lines = read_obj_rows(files[rest])[1]
     base = read_obj_file(files.pop(rest))
-    kept = np.arange(len(base.vertices)) if mesh is None else base.vertices_of(mesh)
-    new = np.full(len(base.vertices), -1)
-    new[kept] = np.arange(len(kept))
-    V = base.vertices[kept]
-    F = base.faces if mesh is None else new[base.faces[base.parts[mesh]]]
+    kept = slice(None) if mesh is None else base.vertices_of(mesh)
+    face = base.whole() if mesh is None else base.part(mesh)
+    V = face.vertices
     deltas, displaced = np.empty((len(files), len(V), 3), np.float32), []
     for k, file in enumerate(files.values()):
         shape, lines = read_obj_rows(file)
@@ -225,16 +220,12 @@ def _from_folder(folder, mesh, scale, neutral):
         deltas[k] = shape[kept] - V
     if displaced:
         warnings.warn(
-            f"{folder}: {', '.join(displaced[:6])}{', ...' * (len(displaced) > 6)} "
-            f"({len(displaced)}) move every vertex, the whole head; if that is not meant, put each "
-            "where the face at rest is.",
+            f"{folder}: {listed(displaced)} ({len(displaced)}) move every vertex, the whole head; "
+            "if that is not meant, put each where the face at rest is.",
             stacklevel=3,
         )
     scale = _unit(folder, V, deltas, unit_of(".obj"), scale)
-    texture = base.texture
-    if texture is not None and mesh is not None:
-        texture = texture.on(base.parts[mesh])
-    read = SimpleNamespace(vertices=V, faces=F, deltas=deltas, texture=texture)
+    read = SimpleNamespace(vertices=V, faces=face.faces, deltas=deltas, texture=face.texture)
     rest_mesh, deltas, index, apart = _welded(folder, read, scale)
     source = RigSource(str(folder / f"{rest}.obj"), mesh or rest, index, scale, apart)
     return BlendshapeRig(rest_mesh, list(files), deltas, source=source)
@@ -276,8 +267,7 @@ def _neutral_of(folder, files, neutral):
         name = name[:-4] if name.lower().endswith(".obj") else name
         if name not in files:
             raise ValueError(
-                f"{folder}: neutral={neutral!r} is not in it; its OBJ files are "
-                f"{', '.join(list(files)[:8])}{', ...' * (len(files) > 8)}."
+                f"{folder}: neutral={neutral!r} is not in it; its OBJ files are {listed(files, 8)}."
             )
         return name
     found = []
@@ -287,10 +277,10 @@ def _neutral_of(folder, files, neutral):
             return found[0]
         if found:
             break
-    by_name = f"by their names {', '.join(found[:6])}" if found else "no name tells"
+    by_name = f"by their names {listed(found)}" if found else "no name tells"
     raise ValueError(
         f"{folder}: which OBJ is the face at rest? {by_name[0].upper()}{by_name[1:]}; give "
-        f"neutral=, one of {', '.join(list(files)[:8])}{', ...' * (len(files) > 8)}."
+        f"neutral=, one of {listed(files, 8)}."
     )
 
 
@@ -314,19 +304,16 @@ def write_rig(path, rig):
     """
     check_type(rig, "rig", BlendshapeRig, "give a rig")
     check_face_size(rig.neutral.vertices, "rig")
-    marks, people = rig.neutral.landmarks, rig.identities
+    people = rig.identities
     save_npz(
         path,
         "rig",
         1,
-        vertices=rig.neutral.vertices,
-        faces=rig.neutral.faces,
         names=np.array(rig.names, dtype=str),
         deltas=rig.deltas,
-        landmark_names=np.array(list(marks), dtype=str),
-        landmarks=np.array(list(marks.values()), dtype=np.int64),
         identity_names=np.array(list(people), dtype=str),
         identities=np.array(list(people.values())).reshape(-1, rig.neutral.n_vertices, 3),
+        **mesh_arrays(rig.neutral),
     )
 
 

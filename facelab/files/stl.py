@@ -5,6 +5,7 @@ import re
 import numpy as np
 
 from facelab.files.parts import MeshFile, check_coordinates
+from facelab.files.words import damaged
 from facelab.storage import existing_file
 
 _FACET = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("extra", "<u2")])
@@ -17,6 +18,7 @@ _WORDS = [  # of one facet, and what each line of it should be
     (rb"endloop", "'endloop'"),
     (rb"endfacet", "'endfacet'"),
 ]
+_XYZ = [8, 9, 10, 12, 13, 14, 16, 17, 18]  # words of a facet that are coordinates
 _FACETS = re.compile(rb"\s*+(?:" + b"".join(w + rb"\s++" for w, _ in _WORDS) + rb")*+", re.I)
 _SOLID = re.compile(rb"^[ \t]*+(end)?solid\b[ \t]*+([^\r\n]*+)", re.I | re.M)
 
@@ -42,9 +44,9 @@ def read_stl_file(path):
         corners, parts = _text(path, path.read_bytes())
     else:
         if size != 84 + 50 * promised:
-            raise ValueError(
+            raise damaged(
                 f"{path}: not a whole STL file: {size} bytes, but its header promises {promised} "
-                f"triangles, which take {84 + 50 * promised}; export it again."
+                f"triangles, which take {84 + 50 * promised}"
             )
         facets = np.fromfile(path, _FACET, offset=84)
         corners, parts = facets["corners"].reshape(-1, 3).astype(float), {}
@@ -59,10 +61,7 @@ def _text(path, data):
     marks = list(_SOLID.finditer(data))
     begins, ends = marks[::2], marks[1::2]
     if len(begins) != len(ends) or any(m[1] for m in begins) or not all(m[1] for m in ends):
-        raise ValueError(
-            f"{path}: its lines 'solid' and 'endsolid' do not alternate; the file was cut short or "
-            "is damaged, export it again."
-        )
+        raise damaged(f"{path}: its lines 'solid' and 'endsolid' do not alternate")
     gaps = zip(ends, [*(m.start() for m in begins[1:]), len(data)], strict=True)
     for end, ahead in gaps:
         if data[end.end() : ahead].strip():
@@ -74,11 +73,8 @@ def _text(path, data):
         if not _FACETS.fullmatch(block):
             _refuse_text(path, block, data[: begin.end()].count(b"\n") + 1)
         words = block.split()
-        xyz = [
-            np.array(words[k::21], dtype=float) for k in (*(8, 9, 10), *(12, 13, 14), *(16, 17, 18))
-        ]
-        corners.append(np.stack(xyz, axis=1).reshape(-1, 3))
-        faces = np.arange(n_faces, n_faces + len(xyz[0]))
+        corners.append(np.array(words).reshape(-1, 21)[:, _XYZ].astype(float).reshape(-1, 3))
+        faces = np.arange(n_faces, n_faces + len(words) // 21)
         n_faces += len(faces)
         if len(faces):
             name = begin[2].decode(errors="replace").strip() or "solid"

@@ -10,6 +10,7 @@ import csv
 import io
 import re
 
+from facelab.names import normalised
 from facelab.storage import existing_file
 
 _LONGEST_LINE = 1 << 22
@@ -19,6 +20,14 @@ _PLAIN = {  # lines in which float() finds nothing but numbers as they are writt
     ";": re.compile(r"[0-9eE+\-.: ;]*"),
     "\t": re.compile(r"[0-9eE+\-.:; \t]*"),
 }
+_TIME = ("timecode", "time", "times", "timestamp", "timestamps", "t")
+_SECONDS = (*_TIME, *(stem + unit for unit in ("seconds", "secs", "sec") for stem in ("", *_TIME)))
+_SECONDS += tuple(stem + "s" for stem in _TIME)
+_MILLISECONDS = tuple(
+    stem + unit for unit in ("ms", "milliseconds", "msec") for stem in ("", *_TIME)
+)
+_FRAME = ("frame", "frames", "frameid", "framenumber", "frameindex", "frameno", "field")
+_FRAME += ("index", "idx")
 _UTF = {
     codecs.BOM_UTF8: "utf-8",
     codecs.BOM_UTF32_LE: "utf-32-le",  # before UTF-16, whose mark it begins with
@@ -130,13 +139,13 @@ class TextTable:
         self._lines = text_lines(path, what)
         self.delimiter = None
         self.header_line, line = self._first_line()
-        self.delimiter = self.delimiter or _delimiter(line)
+        self.delimiter = self.delimiter or delimiter_of(line)
         self.header = [name.strip() for name in self.cells(self.header_line, line)]
         while self.header and not self.header[-1]:
             self.header.pop()
         if all(_NUMBER.fullmatch(name) for name in self.header):
             raise ValueError(
-                f"{path}, line {self.header_line}: numbers where the names of the columns should "
+                f"{self.place(self.header_line)}: numbers where the names of the columns should "
                 "stand; put a line with a name for each column on top."
             )
 
@@ -167,9 +176,13 @@ class TextTable:
             return next(csv.reader([line], delimiter=self.delimiter, strict=True))
         except csv.Error:
             raise ValueError(
-                f"{self.path}, line {number}: a quotation mark that is not closed, or stands "
+                f"{self.place(number)}: a quotation mark that is not closed, or stands "
                 "within a value; remove it."
             ) from None
+
+    def place(self, number, column=None):
+        """File, line and column, for messages."""
+        return f"{self.path}, line {number}" + (f", column {column}" if column else "")
 
     def number(self, number, name, cell):
         """The number in a cell as float; no number is `1_0`, NaN, infinity or another alphabet's.
@@ -180,21 +193,55 @@ class TextTable:
             Naming file, line, column and cell.
         """
         text = cell.strip(" ")
-        if not _NUMBER.fullmatch(text):
+        value = as_number(text)
+        if value is None:
             shown = text if len(text) <= 40 else text[:40] + "..."
             raise ValueError(
-                f"{self.path}, line {number}, column {name}: "
+                f"{self.place(number, name)}: "
                 + (f"{shown!r} is no number" if text else "the cell is empty")
                 + "; repair it, or empty all numbers of the row if nothing was seen there."
             )
-        value = float(text.replace(",", "."))
         if abs(value) > 1e300:
-            raise ValueError(
-                f"{self.path}, line {number}, column {name}: {text[:40]} is beyond what is counted."
-            )
+            raise ValueError(f"{self.place(number, name)}: {text[:40]} is beyond what is counted.")
         return value
 
 
-def _delimiter(line):
+def as_number(text):
+    """The number that a text is, as a float, with a point or a comma; None if it is none.
+
+    No number is `1_0`, NaN, infinity or another alphabet's; what is too large becomes infinite.
+
+    Examples
+    --------
+    >>> as_number("0,5"), as_number("1_0")
+    (0.5, None)
+    """
+    return float(text.replace(",", ".")) if _NUMBER.fullmatch(text) else None
+
+
+def time_columns(header, coded=True):
+    """Which columns of a table tell the time, by their names; `coded` if one may hold time codes.
+
+    Returns
+    -------
+    time : int or None
+        The one that tells most: a time code, seconds, or milliseconds.
+    milliseconds : bool
+    frame : int or None
+
+    Examples
+    --------
+    >>> time_columns(["Frame", "Time (Seconds)", "jawOpen"])
+    (1, False, 0)
+    """
+    keys = [normalised(name) for name in header]
+    names = [n for n in (*_SECONDS, *_MILLISECONDS) if coded or not n.startswith("timecode")]
+    time = next((keys.index(name) for name in names if name in keys), None)
+    frames = (k for k, key in enumerate(keys) if key in _FRAME or (k == 0 and not header[0]))
+    return time, time is not None and keys[time] in _MILLISECONDS, next(frames, None)
+
+
+def delimiter_of(line):
+    """What parts the cells of a line: tab, semicolon or comma."""
     bare = re.sub(r'"[^"]*"', "", line)
     return max("\t;,", key=bare.count) if any(d in bare for d in "\t;,") else ","

@@ -209,6 +209,20 @@ def test_sparse_accessors_change_their_base_or_zeros(write, base):
     np.testing.assert_allclose(part(write(gltf)).deltas[0], delta, atol=1e-9)
 
 
+@pytest.mark.skipif(not HAS_DRACO, reason="DracoPy is not installed")
+def test_shares_that_draco_keeps_as_whole_numbers_are_shares_again(write):
+    import DracoPy
+
+    shares = np.array([[0, 0, 0], [255, 0, 0], [255, 51, 0], [0, 102, 255]], "u1")
+    data = DracoPy.encode(V, F, preserve_order=True, generic_attributes={7: shares})
+    gltf = Gltf(positions=shares, scale=[0.1, 0.1, 0.1])
+    gltf.json["accessors"][0] |= {"normalized": True}
+    gltf.primitive["extensions"] = {
+        "KHR_draco_mesh_compression": {"bufferView": gltf.view(data), "attributes": {"POSITION": 7}}
+    }
+    np.testing.assert_allclose(read_mesh(write(gltf)).vertices, 100 / 255 * shares, atol=1e-4)
+
+
 def test_draco_without_its_reader_is_refused_by_name_with_the_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "DracoPy", None)
     with pytest.raises(ValueError, match=r"KHR_draco_mesh_compression; .*facelab\[glb\]"):

@@ -52,6 +52,14 @@ def a_take(names, n_frames=5):
     return WeightSequence(rng.uniform(0, 1, (n_frames, len(names))), names, 30)
 
 
+def test_a_glb_that_is_called_gltf_keeps_its_bytes_too(tmp_path, shapes):
+    shutil.copy(FIXTURES / "avatar.glb", tmp_path / "mine.gltf")
+    write_into(tmp_path / "new.gltf", read_rig(tmp_path / "mine.gltf", mesh="Head"), shapes)
+    again = read_rig(tmp_path / "new.gltf", mesh="Head")
+    assert again.names[-2:] == tuple(shapes)
+    np.testing.assert_allclose(again.deltas[-1], shapes["a corner"], atol=1e-4)
+
+
 @pytest.mark.filterwarnings("ignore:.*is written uncompressed")
 @pytest.mark.parametrize("name", [*PLAIN, *PACKED])
 def test_shapes_come_back_as_they_were_given_and_the_old_ones_stay(tmp_path, shapes, name):

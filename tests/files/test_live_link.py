@@ -286,6 +286,17 @@ def test_what_the_count_says_must_be_so(read):
             read("\n".join([*lines[:5], line, *lines[6:]]) + "\n")
 
 
+@pytest.mark.parametrize("row", [1, 5])
+@pytest.mark.parametrize("by", [read_live_link_csv, read_weights])
+def test_a_cell_that_is_no_number_is_named_in_the_first_row_too(tmp_path, row, by):
+    lines = live_link(CODES).splitlines()
+    lines[row] = ",".join([*lines[row].split(",")[:2], "wide", *lines[row].split(",")[3:]])
+    (tmp_path / "take.csv").write_text("\n".join(lines) + "\n")
+    words = rf"take\.csv, line {row + 1}, column eyeBlinkLeft: 'wide' is no number"
+    with pytest.raises(ValueError, match=words):
+        by(tmp_path / "take.csv")
+
+
 # --- a file that ends early -----------------------------------------------------------------------
 
 

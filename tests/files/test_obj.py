@@ -5,7 +5,7 @@ import pytest
 from mutants import COUNT, tally
 from shapes import grid_mesh, sphere_mesh
 
-from facelab.files.meshes import read_mesh
+from facelab.files.meshes import read_mesh, read_parts
 from facelab.files.obj import read_obj, read_obj_file, read_obj_vertices, write_obj
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
@@ -263,6 +263,20 @@ def test_objects_and_groups_are_parts_of_their_own_in_the_order_of_the_file(writ
         ValueError, match=r"mesh='Nose' is not in it; its parts are 'Head' \(4 vert"
     ):
         read_mesh(path, mesh="Nose")
+
+
+def test_surfaces_that_are_no_polygons_are_told(write):
+    path = write(SQUARE + "f 1 2 3\ncstype bezier\ndeg 1 1\nsurf 0 1 0 1 1 2 3 4\nend\n")
+    with pytest.warns(UserWarning, match=r"face\.obj: 1 curve.* are not read, the first in line 8"):
+        assert len(read_obj(path).faces) == 1
+
+
+def test_a_number_sign_within_a_name_begins_no_comment(write):
+    text = "g head#1 # the left\nf 1 2 3\ng head#2\nf 2 4 3 #half\n"
+    assert {n: len(m.faces) for n, m in read_parts(write(SQUARE + text)).items()} == {
+        "head#1": 1,
+        "head#2": 1,
+    }
 
 
 def test_a_file_without_parts_says_so(write):

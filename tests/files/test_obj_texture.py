@@ -49,6 +49,12 @@ def where(mesh):
     return found
 
 
+def test_materials_that_differ_behind_a_number_sign_have_pictures_of_their_own(write):
+    library = "newmtl skin#1 # of the face\nmap_Kd skin.png\nnewmtl skin#2\nmap_Kd lost.png\n"
+    mesh = read_obj(write(FACES.replace("skin", "skin#1"), library=library))
+    np.testing.assert_array_equal(mesh.texture.image, COLORS)
+
+
 def test_corners_lie_where_their_lines_put_them_on_both_sides_of_a_seam(write):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -149,6 +149,7 @@ def test_a_table_without_time_needs_its_rate(read, sep):
         ("time", [f"{i / 30:.4f}" for i in range(6)]),
         ("Timestamp", [f"{1.6e9 + i / 30:.4f}" for i in range(6)]),
         ("timestamp_ms", [f"{1000 * i / 30:.1f}" for i in range(6)]),
+        ("Time (Seconds)", [f"{i / 30:.4f}" for i in range(6)]),
         ("timeCode", [code(i) for i in range(26, 32)]),
         ("t", [f"00:00:{i / 30:06.3f}" for i in range(6)]),
     ],
@@ -159,6 +160,12 @@ def test_time_is_known_by_its_name(read, name, times):
     np.testing.assert_array_equal(take.weights, W)
     # a rate that is given goes before
     assert read(table([name, "a"], zip(times, W[:, 0], strict=True)), fps=24).fps == 24
+
+
+def test_a_weight_beyond_all_is_named_with_its_value_beside_angles_in_degrees(read):
+    rows = [[f"{i / 30:.4f}", 45 + i, 5 if i == 3 else 0.1] for i in range(9)]
+    with pytest.raises(ValueError, match="line 5, column a: 5 is no weight of 0 to 1"):
+        read(table(["time", "HeadYaw", "a"], rows))
 
 
 def test_a_row_missing_in_time_is_a_lost_frame(read):
@@ -320,6 +327,15 @@ def test_categories_of_mediapipe_are_weights(tmp_path, form):
     assert (take.names, take.fps) == (ARKIT, 25)
     assert np.flatnonzero(~take.valid).tolist() == [0, 5]
     np.testing.assert_allclose(take.weights[take.valid], W[take.valid])
+
+
+def test_a_line_of_json_that_is_damaged_is_named(tmp_path):
+    lines = [json.dumps({"time": i / 25, "a": 0.5}) for i in range(9)]
+    for k, change in ((4, lambda s: s.replace(":", ";")), (8, lambda s: s[:-6])):
+        text = "\n".join(change(line) if i == k else line for i, line in enumerate(lines))
+        (tmp_path / "w.jsonl").write_text(text)
+        with pytest.raises(ValueError, match=rf"w\.jsonl, line {k + 1}, column \d+: no JSON from"):
+            read_weights(tmp_path / "w.jsonl")
 
 
 def test_two_faces_in_a_frame_are_refused(tmp_path):

@@ -2,11 +2,13 @@ import numpy as np
 import pytest
 from recordings import code, drop_frame
 
+from facelab.files.takes.recording import Recording
 from facelab.files.takes.timecodes import timing
 
 
 def placed(codes):
-    return timing(codes, list(range(2, 2 + len(codes))), "take.csv")
+    rows = list(range(2, 2 + len(codes)))
+    return timing(Recording("take.csv", [], None, rows, codes=codes))
 
 
 def complete(codes, fps):

@@ -11,7 +11,7 @@ from facelab.files.markers.rules import MarkerReport
 from facelab.files.markers.tables import read_marker_table
 from facelab.files.markers.trc import read_trc
 
-__all__ = ["MarkerReport", "read_c3d", "read_markers", "write_c3d"]
+__all__ = ["KINDS", "MarkerReport", "read_c3d", "read_markers", "write_c3d"]
 
 
 def read_markers(path, unit=None, fps=None, subject=None):
@@ -78,3 +78,6 @@ _READERS = {
     ".npz": read_marker_arrays,
     ".ma": read_maya,
 }
+
+KINDS = tuple(_READERS)
+"""Endings of files that hold markers that can be read."""

@@ -16,12 +16,11 @@ import numpy as np
 from facelab.files.markers.rules import (
     checked,
     factor_of,
-    judged,
-    listed,
     marker_sequence,
     resolve_names,
     warn,
 )
+from facelab.files.words import listed
 
 _BLOCK = 512
 _KINDS = {84: "Intel", 85: "DEC", 86: "MIPS"}
@@ -61,11 +60,11 @@ def read_c3d(path, unit=None, fps=None, subject=None):
     ----------
     The C3D file format user guide, www.c3d.org.
     """
-    return judged(path, parse_c3d(path, unit, fps, subject))
+    return parse_c3d(path, unit, fps, subject)
 
 
-def parse_c3d(path, unit=None, fps=None, subject=None):
-    """As `read_c3d`, without a word about the size of what was captured."""
+def parse_c3d(path, unit=None, fps=None, subject=None, judge=True):
+    """As `read_c3d`, on wish without a word about the size of what was captured."""
     path, fps = checked(path, "C3D file", unit, fps, subject)
     report = []
     with open(path, "rb") as file:
@@ -81,7 +80,7 @@ def parse_c3d(path, unit=None, fps=None, subject=None):
     screen = [values.text(f"POINT:{axis}_SCREEN") for axis in "XY"]
     said = f"; the file calls {screen[0][0]} right, {screen[1][0]} up" if all(screen) else ""
     report.append(f"axes as in the file, which C3D leaves open{said}")
-    return marker_sequence(path, positions, names, fps, report)
+    return marker_sequence(path, positions, names, fps, report, judge)
 
 
 # --- header and parameters ------------------------------------------------------------------------
@@ -272,18 +271,17 @@ def _layout(path, header, values, report):
         )
     if not np.isfinite(scale) or scale == 0:
         raise ValueError(f"{path}: damaged: POINT:SCALE is {scale:g}; export the file again.")
-    starts = {"the header": header.start, "POINT:DATA_START": values.number("POINT:DATA_START")}
-    starts = {k: int(v - 1) * _BLOCK for k, v in starts.items() if v}
-    starts = {k: v for k, v in starts.items() if values.end <= v < header.size}
+    starts = {int(n - 1) * _BLOCK for n in (header.start, values.number("POINT:DATA_START")) if n}
+    starts = [start for start in starts if values.end <= start < header.size]
     if not starts:
         raise ValueError(
             f"{path}: damaged or cut short: no data follow the parameters, which end at byte "
             f"{values.end} of {header.size}."
         )
-    analogs = {"the header": header.analog}
+    analogs = {header.analog}
     channels = values.number("ANALOG:USED")
-    if channels is not None and channels * header.samples != header.analog:
-        analogs["ANALOG:USED"] = int(channels * header.samples)
+    if channels is not None:
+        analogs.add(int(channels * header.samples))
     counts = _frame_counts(path, header, values)
     end = header.size
     rotations = values.number("ROTATION:USED"), values.number("ROTATION:DATA_START")
@@ -291,9 +289,7 @@ def _layout(path, header, values, report):
         end = min(end, int(rotations[1] - 1) * _BLOCK)
     made = [
         _Layout(header, start, header.n_points, analog, n, scale < 0, scale)
-        for start, analog, n in itertools.product(
-            set(starts.values()), set(analogs.values()), set(counts.values())
-        )
+        for start, analog, n in itertools.product(starts, analogs, {*counts.values()})
     ]
     fitting = sorted({m for m in made if 0 <= end - m.end < _BLOCK}, key=lambda m: m.n_frames)
     return _chosen(path, made, fitting, counts, end, report)
@@ -375,11 +371,10 @@ def _all_zero(path, first, last):
 
 
 def _rate(path, header, values):
-    stated = {"the header": header.rate, "POINT:RATE": values.number("POINT:RATE")}
-    stated = {k: v for k, v in stated.items() if v is not None and np.isfinite(v) and v > 0}
-    if not stated:
+    stated = header.rate, values.number("POINT:RATE")
+    rates = [v for v in stated if v is not None and np.isfinite(v) and v > 0]
+    if not rates:
         raise ValueError(f"{path}: no frame rate in it; say it with fps=.")
-    rates = list(stated.values())
     if not math.isclose(rates[0], rates[-1], rel_tol=1e-3):
         raise ValueError(
             f"{path}: the header says {rates[0]:g} frames/s, POINT:RATE {rates[1]:g}; say which is "

@@ -1,5 +1,6 @@
 """Maya ASCII scenes: the curves of markers in, by a small reader of nothing else."""
 
+import contextlib
 import re
 from itertools import pairwise
 
@@ -8,12 +9,11 @@ import numpy as np
 from facelab.files.markers.rules import (
     checked,
     factor_of,
-    judged,
-    listed,
     marker_sequence,
     resolve_names,
     warn,
 )
+from facelab.files.words import listed
 
 _RATES = {  # frames a second of Maya's names for units of time
     "game": 15.0, "film": 24.0, "pal": 25.0, "ntsc": 30.0, "show": 48.0, "palf": 50.0,
@@ -67,14 +67,14 @@ def read_maya(path, unit=None, fps=None, subject=None):
     labels = [node.rpartition("|")[2] for node in nodes]
     names, kept = resolve_names(path, labels, subject, report)
     nodes = [list(nodes)[i] for i in kept]
-    factor = factor_of(path, scene.unit("l", "centimeter"), unit, "currentUnit -l")
+    factor = factor_of(path, scene.units.get("l", "centimeter"), unit, "currentUnit -l")
     positions, rate = scene.positions(nodes, report)
     if fps is not None:
         report.append(f"{fps:g} frames/s as said with fps=, not {rate:g}")
     with np.errstate(over="ignore"):
         positions *= factor
     fps = rate if fps is None else fps
-    return judged(path, marker_sequence(path, positions, names, fps, report))
+    return marker_sequence(path, positions, names, fps, report)
 
 
 class _Scene:
@@ -82,7 +82,8 @@ class _Scene:
 
     def __init__(self, path, text):
         self.path = path
-        self.units = dict(re.findall(r"-([lat]) ([\w.]+)", self._line(text, "currentUnit")))
+        units = re.search(r"(?m)^currentUnit\b.*$", text)
+        self.units = dict(re.findall(r"-([lat]) ([\w.]+)", units[0] if units else ""))
         self.parents, self.leaves, self.moved, self.curves = {}, {}, {}, {}
         starts = [m.start() for m in re.finditer(r"(?m)^(?=\w|//)", text)] + [len(text)]
         self.joined = {}
@@ -93,15 +94,6 @@ class _Scene:
                 ends = re.match(r'connectAttr [^"\n]*"([^"\n]+)" "([^"\n]+)"', text[a:b])
                 if ends:
                     self._join(*ends.groups())
-
-    @staticmethod
-    def _line(text, word):
-        found = re.search(rf"(?m)^{word}\b.*$", text)
-        return found[0] if found else ""
-
-    def unit(self, kind, default):
-        """Name of the unit of length ("l") or time ("t") of the scene; Maya's own by default."""
-        return self.units.get(kind, default)
 
     def _node(self, text):
         head = _NODE.match(text)
@@ -133,20 +125,15 @@ class _Scene:
                 continue
             n = int(last or first) - int(first) + 1
             values = numbers.split()
-            if _STRANGE.search(numbers) or len(values) != 2 * n or int(first) != len(times):
+            pairs = np.full((n, 2), np.nan)
+            if not _STRANGE.search(numbers) and len(values) == 2 * n and int(first) == len(times):
+                with contextlib.suppress(ValueError):
+                    pairs = np.array(values, dtype=float).reshape(-1, 2)
+            if not np.isfinite(pairs).all():
                 raise ValueError(
                     f"{self.path}: damaged: the keys {first} to {last or first} of the curve "
                     f"{name} are not {2 * n} numbers that follow the {len(times)} before; save it "
                     "again."
-                )
-            try:
-                pairs = np.array(values, dtype=float).reshape(-1, 2)
-            except ValueError:
-                pairs = np.full((n, 2), np.nan)
-            if not np.isfinite(pairs).all():
-                raise ValueError(
-                    f"{self.path}: damaged: the curve {name} has keys that are no numbers, in "
-                    f"{first} to {last or first}; save it again."
                 )
             times.extend(pairs.tolist())
         keys = np.array(times).reshape(-1, 2)
@@ -243,7 +230,7 @@ class _Scene:
         bare = int(np.isnan(positions).any(axis=2).sum())
         if bare:
             report.append(f"{bare} position(s) without a key taken for hidden")
-        named = self.unit("t", "film")
+        named = self.units.get("t", "film")
         found = re.fullmatch(r"(\d+(?:\.\d+)?)(?:fps|df)", named)
         per_second = float(found[1]) if found else _RATES.get(named)
         if not per_second:

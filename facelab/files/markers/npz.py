@@ -5,11 +5,14 @@ import numpy as np
 from facelab.files.markers.rules import (
     checked,
     factor_of,
-    judged,
     marker_sequence,
     resolve_names,
 )
+from facelab.files.npz import stored_rate
+from facelab.files.words import listed
 from facelab.storage import StoredArrays
+
+_KNOWN = ("positions", "names", "fps", "unit")
 
 
 def read_marker_arrays(path, unit=None, fps=None, subject=None):
@@ -23,8 +26,13 @@ def read_marker_arrays(path, unit=None, fps=None, subject=None):
             raise stored.refused("positions holds no frames")
         positions = stored.read("positions", ("n_frames", len(labels), 3), "iuf")
         if fps is None:
-            fps = _rate(path, stored)
+            fps = stored_rate(stored, "number")
+        if fps is None:
+            raise ValueError(f"{path}: no frame rate in it; say it with fps=.")
         said = str(stored.read("unit", (), "U")) if "unit" in stored else None
+        others = [name for name in stored.names if name not in _KNOWN]
+    if others:
+        report.append(f"{len(others)} other array(s) left out ({listed(others)})")
     if unit is None and said is None:
         report.append("no unit in the file: taken as millimetres; another with unit=")
     names, kept = resolve_names(path, labels, subject, report)
@@ -36,13 +44,4 @@ def read_marker_arrays(path, unit=None, fps=None, subject=None):
     if factor != 1:
         with np.errstate(over="ignore"):  # refused where all is checked
             positions *= keep(factor)
-    return judged(path, marker_sequence(path, positions, names, fps, report))
-
-
-def _rate(path, stored):
-    if "fps" not in stored:
-        raise ValueError(f"{path}: no frame rate in it; say it with fps=.")
-    rate = stored.read("fps", kinds="iuf")
-    if rate.size != 1 or not 0 < rate.ravel()[0] < np.inf:
-        raise ValueError(f"{path}: fps is {rate.tolist()!s:.60}, but must be one number above 0.")
-    return float(rate.ravel()[0])
+    return marker_sequence(path, positions, names, fps, report)

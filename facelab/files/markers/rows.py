@@ -1,18 +1,22 @@
-"""Rows of numbers out of text: fast, strict, in pieces; and the beat of their frames."""
+"""Rows of numbers out of text: fast and strict; and the beat of their frames."""
 
 import csv
+import math
 import re
+from array import array
 from dataclasses import dataclass, field
+from operator import itemgetter
 
 import numpy as np
 
-from facelab.files.markers.rules import listed, marker_sequence, resolve_names, warn
-from facelab.files.text import text_lines
+from facelab.files.markers.rules import marker_sequence, resolve_names, warn
+from facelab.files.text import as_number, text_lines
+from facelab.files.words import damaged, listed
 
-_BLOCK = 2**22  # characters parsed together
+_BLOCK = 2**20  # numbers kept together
 _BLANK = " \t,;"  # a line of these alone holds nothing
 _NOTHING = ("", "nan", "null")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_PLAIN = re.compile(r"[-+0-9.eE \t]*")  # cells in which float() finds but numbers as all write them
 
 
 class Lines:
@@ -37,9 +41,8 @@ class Lines:
             return None
         self.number, line, self.whole = found
         if "\r" in line:
-            raise ValueError(
-                f"{self.path}, line {self.number}: a carriage return in the middle of the line; "
-                "export the file again."
+            raise damaged(
+                f"{self.path}, line {self.number}: a carriage return in the middle of the line"
             )
         return line
 
@@ -48,23 +51,12 @@ class Lines:
         self._held.append((self.number, line, self.whole))
         self.number -= 1
 
-    def rows(self, n):
-        """Up to n lines that are not blank, as (number, line)."""
+    def rows(self, n=math.inf, blank=_BLANK):
+        """Up to n lines that hold more than blanks, as (number, line)."""
         while n > 0 and (line := self.next()) is not None:
-            if line.strip(_BLANK):
+            if line.strip(blank):
                 yield self.number, line
                 n -= 1
-
-    def blocks(self):
-        """Lists of lines, with the number of the first."""
-        while True:
-            block, size = [], 0
-            while size < _BLOCK and (line := self.next()) is not None:
-                block.append(line)
-                size += len(line) + 1
-            if not block:
-                return
-            yield self.number - len(block) + 1, block
 
 
 def cells(line, delimiter):
@@ -74,11 +66,6 @@ def cells(line, delimiter):
     except csv.Error:  # a cell of more than 128 kB
         row = line.split(delimiter)
     return [cell.strip() for cell in row]
-
-
-def delimiter_of(line):
-    """What parts the cells of a line: tab, semicolon or comma."""
-    return max("\t;,", key=line.count)
 
 
 def stated(path, text, what, whole=False):
@@ -91,7 +78,7 @@ def stated(path, text, what, whole=False):
         raise ValueError(f"{path}: {what} is {text[:40]!r}, which is no such number; repair it.")
     number = int(text) if whole else float(text.replace(",", "."))
     if number == 0:
-        raise ValueError(f"{path}: {what} is 0; export it again.")
+        raise damaged(f"{path}: {what} is 0")
     return number
 
 
@@ -155,33 +142,22 @@ def read_table(path, lines, table, fps, subject):
     names, kept = resolve_names(path, [name for name, _ in table.markers], subject, report)
     place = {column: i for i, column in enumerate(table.used)}
     axes = np.array([[place[column] for column in table.markers[i][1]] for i in kept])
-    n_columns = len(table.columns)
-    most = min(
-        _count_lines(path), path.stat().st_size // max(1, n_columns - 1) + 1
-    )  # a cell, a byte
-    positions = np.empty((most, len(names), 3), dtype=np.float32)
     counted = {key: [] for key in ("frame", "time") if getattr(table, key) is not None}
-    numbers, n = [], 0
-    for number, values in _number_blocks(path, lines, table):
-        if n + len(values) > most:
-            raise ValueError(f"{path}: changed while it was read; read it again.")
+    numbers, positions = [], []
+    for block, values in _blocks(path, lines, table):
         with np.errstate(over="ignore"):  # refused where all is checked
-            positions[n : n + len(values)] = values[:, axes] * table.factor
+            positions.append((values[:, axes] * table.factor).astype(np.float32))
         for key, parts in counted.items():
             parts.append(values[:, place[getattr(table, key)]])
-        numbers.append(number)
-        n += len(values)
+        numbers += block
+    n = len(numbers)
     if n == 0:
         raise ValueError(f"{path}: no frames below the header.")
     if table.n_frames is not None and n != table.n_frames:
-        raise ValueError(
-            f"{path}: the header counts {table.n_frames} frames, but {n} rows follow; export it "
-            "again."
-        )
-    numbers = np.concatenate(numbers)
+        raise damaged(f"{path}: the header counts {table.n_frames} frames, but {n} rows follow")
+    positions = np.concatenate(positions)
     counted = {key: np.concatenate(parts) for key, parts in counted.items()}
     rate, slots = _beat(path, table, counted, numbers, fps)
-    positions = positions[:n]
     if slots is not None and slots[-1] >= n:
         spread = np.full((int(slots[-1]) + 1, len(names), 3), np.nan, dtype=np.float32)
         spread[slots] = positions
@@ -189,116 +165,76 @@ def read_table(path, lines, table, fps, subject):
     return marker_sequence(path, positions, names, rate, report)
 
 
-def _count_lines(path):
-    with open(path, "rb") as file:
-        ends = sum(
-            max(part.count(b"\n"), part.count(b"\r"))
-            for part in iter(lambda: file.read(_BLOCK), b"")
-        )
-    return ends + 1
-
-
 # --- numbers --------------------------------------------------------------------------------------
 
 
-def _number_blocks(path, lines, table):
-    """Arrays of line numbers and of values, shape (n_rows, n_columns); NaN for an empty cell."""
+def _blocks(path, lines, table):
+    """Line numbers and values of rows, shape (n_rows, n_used), some at a time; NaN where empty."""
+    pick, numbers, values = itemgetter(*table.used), [], array("d")
+    for number, cells in _rows(path, lines, table):
+        numbers.append(number)
+        values.extend(_numbers(path, table, number, pick(cells)))
+        if len(values) >= _BLOCK:
+            yield numbers, np.array(values).reshape(len(numbers), -1)
+            numbers, values = [], array("d")
+    if numbers:
+        yield numbers, np.array(values).reshape(len(numbers), -1)
+
+
+def _rows(path, lines, table):
+    """Number and cells of each row, as many as the header has; a last one cut short is left out."""
     counted = table.frame is not None or table.time is not None
     blank = _BLANK if counted else " "  # else a row of empty cells is a frame of hidden markers
-    for first, block in lines.blocks():
-        full = [(n, row) for n, row in enumerate(block, first) if row.strip(blank)]
-        ended = table.until_blank and len(full) < len(block)
-        rows = [(n, row) for i, (n, row) in enumerate(full) if n == first + i] if ended else full
-        if fitting := _trimmed(path, lines, table, rows):
-            yield np.array([n for n, _ in fitting]), _parsed(path, table, fitting)
-        if ended:
-            _check_rest(path, table, next(iter(full[len(rows) :] or lines.rows(1)), None))
+    n_columns, before = len(table.columns), lines.number
+    for number, line in lines.rows(blank=blank):
+        if table.until_blank and number > before + 1:
+            _check_rest(path, table, number, line)
             return
+        before, cells = number, line.split(table.delimiter)
+        while len(cells) > n_columns and not cells[-1].strip(" "):
+            cells.pop()
+        if len(cells) < n_columns and not lines.whole:
+            warn(path, table.report, f"line {number}, the last, is cut short: left out", 7)
+        elif len(cells) != n_columns:
+            raise damaged(
+                f"{path}, line {number}: {len(cells)} values, but the header has {n_columns} "
+                "columns"
+            )
+        else:
+            yield number, cells
 
 
-def _check_rest(path, table, line):
+def _check_rest(path, table, number, text):
     """Refuse rows that go on behind a blank line; say what else follows."""
-    if line is None:
-        return
-    number, text = line
     first = text.split(table.delimiter)[0].strip().strip('"')
-    if _NUMBER.fullmatch(first):
+    if as_number(first) is not None:
         raise ValueError(
             f"{path}, line {number}: rows go on behind a blank line; take it out, or export again."
         )
     table.report.append(f"what follows the rows left out, from line {number} on: {first[:40]}")
 
 
-def _trimmed(path, lines, table, rows):
-    """Rows of the right length, no delimiter at their ends; a last one that is cut short goes."""
-    n_columns, mark = len(table.columns), table.delimiter
-    fitting = []
-    for number, row in rows:
-        count = row.count(mark) + 1
-        while count > n_columns and row.rstrip(" ").endswith(mark):
-            row, count = row.rstrip(" ")[:-1], count - 1
-        if count != n_columns:
-            if number == lines.number and not lines.whole and count < n_columns:
-                warn(path, table.report, f"line {number}, the last, is cut short: left out", 7)
-                break
-            raise ValueError(
-                f"{path}, line {number}: {count} values, but the header has {n_columns} columns; "
-                "export it again."
-            )
-        fitting.append((number, row))
-    return fitting
-
-
-def _parsed(path, table, rows):
-    """Values of the columns that count, shape (n_rows, n_used); the others may hold anything."""
-    mark, used = table.delimiter, table.used
-    text = "\n".join(row for _, row in rows)
-    if mark != ",":
-        text = text.replace(",", ".")
-    for prepare in (_filled, _cleaned):  # the second is slow, for cells with quotes and blanks
-        text = prepare(text, mark)
+def _numbers(path, table, number, cells):
+    """Numbers of the cells of a row, NaN for empty ones."""
+    plain = "\t".join(cells).replace(",", ".")
+    if _PLAIN.fullmatch(plain):  # quick, for rows as programs write them
         try:
-            lines = text.split("\n")
-            values = np.loadtxt(lines, delimiter=mark, ndmin=2, comments=None, usecols=used)
+            values = [float(cell) if cell else math.nan for cell in plain.split("\t")]
+            if not any(map(math.isinf, values)):
+                return values
         except ValueError:
-            continue
-        if values.shape == (len(rows), len(used)) and not np.isinf(values).any():
-            return values
-    raise _misplaced(path, table, rows)
-
-
-def _filled(text, mark):
-    """The rows with nan in empty cells."""
-    nothing = f"{mark}nan{mark}"
-    text = text.replace(2 * mark, nothing).replace(2 * mark, nothing)
-    text = f"\n{text}\n".replace(f"\n{mark}", f"\nnan{mark}").replace(f"{mark}\n", f"{mark}nan\n")
-    return text[1:-1]
-
-
-def _cleaned(text, mark):
-    """The rows without quotes round their cells, with nan for blanks and NULL."""
-    text = re.sub(rf'(?m)(^|{mark}) *"([^"{mark}\n]*)" *(?={mark}|$)', r"\1\2", text)
-    return re.sub(rf"(?mi)(^|{mark}) *(?:null)? *(?={mark}|$)", r"\1nan", text)
-
-
-def _misplaced(path, table, rows):
-    """What to raise for the first cell that is no number: slow, only to say where."""
-    for number, row in rows:
-        row = row.split(table.delimiter)
-        for column in table.used:
-            plain = row[column].strip().strip('"').strip()
-            plain = plain if table.delimiter == "," else plain.replace(",", ".")
-            is_number = _NUMBER.fullmatch(plain) and np.isfinite(float(plain))
-            if plain.lower() not in _NOTHING and not is_number:
-                return ValueError(
-                    f"{path}, line {number}, column {table.columns[column]}: "
-                    f"{row[column].strip()[:40]!r} is not a number; repair it, or leave the cell "
-                    "empty where the marker is hidden."
-                )
-    return ValueError(
-        f"{path}, lines {rows[0][0]} to {rows[-1][0]}: the cells are not parted as in the header; "
-        "export it again."
-    )
+            pass  # below it is said where
+    values = []
+    for column, cell in zip(table.used, cells, strict=True):
+        text = cell.strip().strip('"').strip()
+        value = math.nan if text.lower() in _NOTHING else as_number(text)
+        if value is None or math.isinf(value):
+            raise ValueError(
+                f"{path}, line {number}, column {table.columns[column]}: {cell.strip()[:40]!r} is "
+                "not a number; repair it, or leave the cell empty where the marker is hidden."
+            )
+        values.append(value)
+    return values
 
 
 # --- time -----------------------------------------------------------------------------------------

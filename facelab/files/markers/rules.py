@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from facelab.checks import check_number, check_type
+from facelab.files.words import distinct, listed
 from facelab.geometry.size import face_scale
 from facelab.motion import MarkerSequence
 from facelab.storage import existing_file
@@ -92,13 +93,6 @@ def factor_of(path, said, unit, what):
     return MM_PER_UNIT[unit]
 
 
-def listed(names, most=6):
-    """Names as one reads them in a sentence, the first few of many."""
-    names = list(names)
-    rest = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + rest
-
-
 def warn(path, report, text, stacklevel=4):
     """Say something about a file at once, and keep it in its report."""
     report.append(text)
@@ -169,22 +163,12 @@ def resolve_names(path, labels, subject, report):
 def _numbered(path, names, report):
     """The names, each once: `chin`, `chin_2`, `chin_3`."""
     twice = [name for name, count in Counter(names).items() if count > 1]
-    if not twice:
-        return names
-    taken, seen, numbered = set(names), Counter(), []
-    for name in names:
-        seen[name] += 1
-        if seen[name] > 1:
-            stem = name
-            while (name := f"{stem}_{seen[stem]}") in taken:
-                seen[stem] += 1
-            taken.add(name)
-        numbered.append(name)
-    warn(path, report, f"name(s) that stand more than once were numbered: {listed(twice)}", 5)
-    return numbered
+    if twice:
+        warn(path, report, f"name(s) that stand more than once were numbered: {listed(twice)}", 5)
+    return distinct(names, "{}_{}")
 
 
-def marker_sequence(path, positions, names, fps, report):
+def marker_sequence(path, positions, names, fps, report, judge=True):
     """The markers of a file as a sequence: hidden ones marked, nonsense refused, size judged.
 
     Parameters
@@ -198,6 +182,8 @@ def marker_sequence(path, positions, names, fps, report):
     fps : float
     report : list of str
         Sentences are added.
+    judge : bool, default=True
+        Warn of a size that is no face's, and say it in the report.
     """
     zeros = part = 0
     rows = max(1, _CHUNK // max(1, 3 * len(names)))
@@ -222,26 +208,25 @@ def marker_sequence(path, positions, names, fps, report):
     if part:
         report.append(f"{part} position(s) with one or two coordinates only taken for hidden")
     markers = MarkerSequence(positions, tuple(names), fps)
+    if judge:
+        _judge(path, markers, report)
     hidden = int((~markers.visible).sum())
     found = MarkerReport(path, len(positions), len(names), markers.fps, hidden, tuple(report))
     return replace(markers, report=found)
 
 
-def judged(path, markers, stacklevel=3):
-    """The sequence, with a warning and a word in its report if its size is no face's."""
+def _judge(path, markers, report):
     picked = np.unique(np.linspace(0, markers.n_frames - 1, 200).astype(int))
     some = markers.positions[picked].astype(float)
     some = some[np.isfinite(some[..., 0]).sum(axis=1) >= _ENOUGH]
     if not len(some):
-        return markers
+        return
     box = np.median(np.nanmax(some, axis=1) - np.nanmin(some, axis=1), axis=0)
     scale = face_scale(float(box.max()))
     if scale == 1:
-        return markers
+        return
     said = f"the markers fill {box[0]:.4g} x {box[1]:.4g} x {box[2]:.4g} mm, which is no face"
     if scale is not None:
         meant = next((u for u, mm in MM_PER_UNIT.items() if mm == scale), "tenths of a millimetre")
         said += f"; times {scale:g} it would be one, as if the unit were {meant}: see unit="
-    notes = list(markers.report.notes)
-    warn(path, notes, said, stacklevel + 1)
-    return replace(markers, report=replace(markers.report, notes=tuple(notes)))
+    warn(path, report, said, 6)

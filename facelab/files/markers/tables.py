@@ -9,20 +9,18 @@ from facelab.files.markers.rows import (
     Lines,
     Table,
     cells,
-    delimiter_of,
     left_out,
     read_table,
     stated,
 )
-from facelab.files.markers.rules import MM_PER_UNIT, checked, factor_of, judged, listed
+from facelab.files.markers.rules import MM_PER_UNIT, checked, factor_of
+from facelab.files.text import delimiter_of, time_columns
+from facelab.files.words import damaged, listed
 
 _NEXUS_PARTS = ("trajectories", "devices", "joints", "model outputs", "events")
 _AXIS_NAME = re.compile(r"(.*?)[\s_.:|-]*([xyzXYZ])(?:\s*[\[(]([^\])]*)[\])])?")
-_FRAME_NAMES = ("frame", "frames", "frame#", "frame number", "framenumber", "field", "field #", "")
+_TURN = re.compile(r"(.*[\s_.:|-])?(?:r|rot|q|quat|v|vel|a|acc)")
 _NUMBERED = re.compile(r"(\w*?)_?([XYZ])_(\d{1,3})")  # X_0 of OpenFace, where pose_Rx is no marker
-_TIME_NAME = re.compile(
-    r"(?:time|t|timestamp|times|seconds|sec)(?:[\s_]*[\[(]?(s|sec|seconds|ms|milliseconds)[\])]?)?"
-)
 
 
 def read_marker_table(path, unit=None, fps=None, subject=None):
@@ -70,7 +68,7 @@ def read_marker_table(path, unit=None, fps=None, subject=None):
         table = _qualisys(path, lines, start[1], unit)
     else:
         table = _plain(path, lines, start[1], unit)
-    return judged(path, read_table(path, lines, table, fps, subject))
+    return read_table(path, lines, table, fps, subject)
 
 
 def _triples(path, number, columns):
@@ -80,9 +78,9 @@ def _triples(path, number, columns):
         three = columns[i : i + 3]
         if "".join(axis for _, axis, _ in three) != "XYZ" or len({n for n, _, _ in three}) > 1:
             name, _, column = three[0]
-            raise ValueError(
+            raise damaged(
                 f"{path}, line {number}: {name} in column {column + 1} is not followed by its X, Y "
-                "and Z; export it again."
+                "and Z"
             )
         markers.append((three[0][0], tuple(column for _, _, column in three)))
     if not markers:
@@ -95,10 +93,7 @@ def _widened(path, row, width):
     while len(row) > width and not row[-1]:
         row = row[:-1]
     if len(row) > width:
-        raise ValueError(
-            f"{path}: a row of its header has {len(row)} cells, the row of axes {width}; export it "
-            "again."
-        )
+        raise damaged(f"{path}: a row of its header has {len(row)} cells, the row of axes {width}")
     return row + [""] * (width - len(row))
 
 
@@ -179,7 +174,7 @@ def _nexus(path, lines, head, unit):
     _, line = _header_row(path, lines, "the units")
     units = cells(line, delimiter)
     if axes[0].lower() != "frame":
-        raise ValueError(f"{path}, line {number}: should start with Frame; export it again.")
+        raise damaged(f"{path}, line {number}: should start with Frame")
     width = len(axes)
     while width > 2 and not axes[width - 1]:
         width -= 1
@@ -228,18 +223,12 @@ def _qualisys(path, lines, first, unit):
     names = [name.strip() for name in about.get("MARKER_NAMES", "").split("\t") if name.strip()]
     n_markers = stated(path, about.get("NO_OF_MARKERS", ""), "NO_OF_MARKERS", True)
     if not names or n_markers not in (None, len(names)):
-        raise ValueError(
-            f"{path}: NO_OF_MARKERS is {n_markers}, but MARKER_NAMES has {len(names)}; export it "
-            "again."
-        )
+        raise damaged(f"{path}: NO_OF_MARKERS is {n_markers}, but MARKER_NAMES has {len(names)}")
     width = len(line.rstrip("\t ").split("\t"))
     before = max(width - 3 * len(names), 0)
     titles = [title.lower() for title in titles]
     if before > 2:
-        raise ValueError(
-            f"{path}, line {lines.number + 1}: {width} values for {len(names)} markers; export it "
-            "again."
-        )
+        raise damaged(f"{path}, line {lines.number + 1}: {width} values for {len(names)} markers")
     frame = titles.index("frame") if "frame" in titles[:before] else None
     time = titles.index("time") if "time" in titles[:before] else None
     if before and frame is None and time is None:
@@ -268,8 +257,9 @@ def _plain(path, lines, first, unit):
         raise ValueError(f"{path}: several units in one table: {listed(units)}.")
     if unit is None and not units:
         report.append("no unit in the file: taken as millimetres; another with unit=")
+    per_second = 1000.0 if found.milliseconds else 1.0
     return Table(
-        titles, found.markers, delimiter, found.frame, found.time, found.per_second,
+        titles, found.markers, delimiter, found.frame, found.time, per_second,
         factor=factor_of(path, (units or ["mm"])[0], unit, "the unit"), report=report,
     )  # fmt: skip
 
@@ -296,36 +286,34 @@ def _titles(lines, first, delimiter):
 class _Columns:
     """The columns of a plain table by what they are."""
 
+    time: int
+    milliseconds: bool
+    frame: int
     markers: list = field(default_factory=list)
-    frame: int = None
-    time: int = None
-    per_second: float = 1.0
     units: set = field(default_factory=set)
     others: list = field(default_factory=list)
 
 
 def _sorted_out(path, number, titles):
-    found, axes_of, unit_of = _Columns(), {}, {}
+    found, axes_of, unit_of, joined = _Columns(*time_columns(titles, coded=False)), {}, {}, set()
     numbered = {i: m for i, m in enumerate(map(_NUMBERED.fullmatch, titles)) if m}
     for i, title in enumerate(titles):
-        timed = _TIME_NAME.fullmatch(title.lower())
         named = None if numbered else _AXIS_NAME.fullmatch(title)
-        if found.frame is None and i < 3 and title.lower() in _FRAME_NAMES:
-            found.frame = i
-        elif found.time is None and timed:
-            found.time = i
-            found.per_second = 1000.0 if (timed[1] or "").startswith("m") else 1.0
-        elif named and named[1]:
+        if i in (found.frame, found.time):
+            continue
+        if named and named[1]:
             axes = axes_of.setdefault(named[1], {})
             if named[2].lower() in axes:
                 raise ValueError(f"{path}, line {number}: two columns are called {title}.")
             axes[named[2].lower()] = i
             unit_of[i] = named[3]
+            if named.end(1) == named.start(2):
+                joined.add(named[1])
         elif i in numbered:
             prefix, axis, count = numbered[i].groups()
             axes_of.setdefault(f"{prefix}_{count}".strip("_"), {})[axis.lower()] = i
     for name, axes in axes_of.items():
-        if len(axes) == 3:
+        if len(axes) == 3 and not _is_turn(name, joined, axes_of):
             found.markers.append((name, tuple(axes[axis] for axis in "xyz")))
     if not found.markers:
         raise ValueError(
@@ -337,3 +325,19 @@ def _sorted_out(path, number, titles):
     read |= {found.frame, found.time}
     found.others = [i for i in range(len(titles)) if i not in read]
     return found
+
+
+def _is_turn(name, joined, names):
+    """Whether columns are rotations or speeds of what others place: `Head_Rx` beside `Head_Tx`.
+
+    `joined` are the names that stand without a mark before their axis.
+    """
+    turn = _TURN.fullmatch(name.lower()) if name in joined else None
+    if turn is None:
+        return False
+    stem = turn[1] or ""
+    placed = {stem + word for word in ("t", "p", "pos", "trans")}
+    return any(
+        other.lower() in placed or (other not in joined and other.lower() == stem.rstrip(" _.:|-"))
+        for other in names
+    )

@@ -1,7 +1,8 @@
 """TRC, the marker tables of Motion Analysis and OpenSim: in."""
 
 from facelab.files.markers.rows import Lines, Table, cells, read_table, stated
-from facelab.files.markers.rules import checked, factor_of, judged
+from facelab.files.markers.rules import checked, factor_of
+from facelab.files.words import damaged
 
 
 def read_trc(path, unit=None, fps=None, subject=None):
@@ -32,7 +33,7 @@ def read_trc(path, unit=None, fps=None, subject=None):
     """
     path, fps = checked(path, "TRC file", unit, fps, subject)
     lines = Lines(path, "TRC file")
-    return judged(path, read_table(path, lines, _header(path, lines, unit), fps, subject))
+    return read_table(path, lines, _header(path, lines, unit), fps, subject)
 
 
 def _header(path, lines, unit):
@@ -47,9 +48,7 @@ def _header(path, lines, unit):
     about = dict(zip(keys, values, strict=False))
     for key in ("DataRate", "NumFrames", "NumMarkers", "Units"):
         if key not in about:
-            raise ValueError(
-                f"{path}, line {rows[1][0]}: no {key} in the header; export the file again."
-            )
+            raise damaged(f"{path}, line {rows[1][0]}: no {key} in the header")
     n_markers = stated(path, about["NumMarkers"], "NumMarkers", whole=True)
     number, line = rows[3]
     titles = cells(line, "\t")
@@ -58,21 +57,17 @@ def _header(path, lines, unit):
         names.pop()
     names, empty = names[::3], [n for i, n in enumerate(names) if i % 3 and n]
     if titles[0].lower() not in ("frame#", "frame") or titles[1:2] != ["Time"] or empty:
-        raise ValueError(
-            f"{path}, line {number}: should be Frame#, Time and a name above every third column; "
-            "export the file again."
+        raise damaged(
+            f"{path}, line {number}: should be Frame#, Time and a name above every third column"
         )
     if len(names) != n_markers:
-        raise ValueError(
-            f"{path}, line {number}: {len(names)} names, but NumMarkers is {n_markers}; export the "
-            "file again."
-        )
+        raise damaged(f"{path}, line {number}: {len(names)} names, but NumMarkers is {n_markers}")
     axes = [c for c in cells(rows[4][1], "\t") if c]
     wanted = [f"{axis}{i + 1}" for i in range(n_markers) for axis in "XYZ"]
     if [a.upper() for a in axes] != wanted:
-        raise ValueError(
+        raise damaged(
             f"{path}, line {rows[4][0]}: should be X1, Y1, Z1 to X{n_markers}, Y{n_markers}, "
-            f"Z{n_markers}; export the file again."
+            f"Z{n_markers}"
         )
     columns = ["Frame#", "Time"] + [f"{name} {axis}" for name in names for axis in "XYZ"]
     return Table(

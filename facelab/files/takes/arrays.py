@@ -4,8 +4,10 @@ import json
 
 import numpy as np
 
+from facelab.files.npz import stored_rate
 from facelab.files.takes.columns import weight_columns
 from facelab.files.takes.recording import Recording
+from facelab.files.words import listed
 from facelab.names import normalised
 from facelab.storage import StoredArrays, existing_file
 
@@ -21,17 +23,16 @@ _WHOLE = (b"{}", b"[]")  # a line that begins and ends so is a text of JSON by i
 _COUNTS = {"numframes": 0, "framecount": 0, "nframes": 0, "numposes": 1, "numblendshapes": 1}
 
 
-def _recording(path, header, matrix, names, fps=None, codes=None, left_out=(), what="frame"):
+def _recording(path, header, matrix, names, fps=None, codes=None, left_out=()):
     """A recording of a matrix with a name for each column, time among them."""
     columns = weight_columns(header, f"{path}", names)
     numbers = list(columns.numbers)
-    rows = list(range(len(matrix)))
     found = Recording(
         path=path,
         names=list(columns.numbers.values()),
         values=matrix[:, numbers],
-        rows=rows,
-        what=what,
+        rows=list(range(len(matrix))),
+        what="frame",
         codes=codes,
         fps=fps,
         others={name: matrix[:, k] for k, name in columns.others.items()},
@@ -43,7 +44,7 @@ def _recording(path, header, matrix, names, fps=None, codes=None, left_out=(), w
         frames = matrix[:, columns.frame]
         if (frames % 1 != 0).any():
             row = int(np.flatnonzero(frames % 1 != 0)[0])
-            raise ValueError(f"{path}, {what} {row}: frame number {frames[row]} is none.")
+            raise ValueError(f"{path}, frame {row}: frame number {frames[row]} is none.")
         found.frames = frames.astype(int).tolist()
     if left_out:
         found.warned.append(f"no numbers for each frame, left out: {', '.join(left_out)}")
@@ -97,6 +98,18 @@ def read_json_recording(path, names=None):
 
 
 def _parsed(path):
+    """What a file holds, or a list of what each of its lines does."""
+    text = path.read_bytes()
+    lines = [(k, line.strip()) for k, line in enumerate(text.splitlines()) if line.strip()]
+    by_line = path.suffix.lower() in (".jsonl", ".ndjson")
+    if by_line or (len(lines) > 1 and all(line[:1] + line[-1:] in _WHOLE for _, line in lines)):
+        return [_value(path, line, k) for k, line in lines]
+    return _value(path, text)
+
+
+def _value(path, text, above=0):
+    """The value of a JSON text, below so many lines of its file."""
+
     def unique(pairs):
         keys = [k for k, _ in pairs]
         twice = sorted({k for k in keys if keys.count(k) > 1}) if len({*keys}) < len(keys) else []
@@ -110,21 +123,14 @@ def _parsed(path):
     def whole(digits):
         return int(digits) if len(digits) < 16 else float(digits)
 
-    def parsed(text):
-        return json.loads(text, object_pairs_hook=unique, parse_constant=constant, parse_int=whole)
-
-    text = path.read_bytes()
-    lines = [line for line in text.splitlines() if line.strip()]
     try:
-        if len(lines) > 1 and all(line.strip()[:1] + line.strip()[-1:] in _WHOLE for line in lines):
-            return [parsed(line) for line in lines]  # a frame in each line
-        return parsed(text)
+        return json.loads(text, object_pairs_hook=unique, parse_constant=constant, parse_int=whole)
     except _OursError as error:
         raise ValueError(str(error)) from None
     except json.JSONDecodeError as error:
         raise ValueError(
-            f"{path}, line {error.lineno}, column {error.colno}: no JSON from here on; the file is "
-            "cut or damaged."
+            f"{path}, line {above + error.lineno}, column {error.colno}: no JSON from here on; the "
+            "file is cut or damaged."
         ) from None
     except (UnicodeDecodeError, RecursionError):
         raise ValueError(f"{path}: no JSON text; the file is damaged or of another kind.") from None
@@ -142,6 +148,12 @@ def _number(value, place):
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
         raise ValueError(f"{place}: {str(value)[:40]!r} ({type(value).__name__}) is no number.")
     return float(value)
+
+
+def _numbers(values, places):
+    """Numbers of a list, NaN for null."""
+    pairs = zip(values, places, strict=True)
+    return [np.nan if value is None else _number(value, place) for value, place in pairs]
 
 
 def _of_frames(path, rows, names, shapes, fps):
@@ -164,7 +176,7 @@ def _of_frames(path, rows, names, shapes, fps):
             header = header or list(row)
             if row and {*row} != {*header}:
                 odd = sorted({*row} ^ {*header})
-                raise ValueError(f"{place} has not the names of the first: {', '.join(odd[:6])}.")
+                raise ValueError(f"{place} has not the names of the first: {listed(odd)}.")
             row = [row[name] for name in header] if row else []
         if not isinstance(row, list) and row is not None:
             raise ValueError(f"{place} is a {type(row).__name__}, but must hold weights.")
@@ -178,13 +190,7 @@ def _of_frames(path, rows, names, shapes, fps):
         time = [k for k in beside if normalised(k) in _TIMES]
         codes += [_code(beside[k], normalised(k), f"{place}, {k}") for k in time[:1]]
         left_out |= {*beside} - {*time[:1]}
-        read.append(
-            row
-            and [
-                np.nan if v is None else _number(v, f"{place}, {name}")
-                for v, name in zip(row, header, strict=True)
-            ]
-        )
+        read.append(row and _numbers(row, [f"{place}, {name}" for name in header]))
     if codes and len(codes) < len(rows):
         raise ValueError(f"{path}: only {len(codes)} of {len(rows)} frames have a time.")
     if not header:
@@ -228,16 +234,10 @@ def _of_columns(path, content, names, fps):
             f"{path}: no weights found in it; see read_weights for the forms it knows."
         )
     if len({len(v) for v in lists.values()}) > 1:
-        sizes = ", ".join(f"{k} {len(v)}" for k, v in list(lists.items())[:6])
+        sizes = listed(f"{k} {len(v)}" for k, v in lists.items())
         raise ValueError(f"{path}: lists of different length: {sizes}; each needs all frames.")
     matrix = np.array(
-        [
-            [
-                np.nan if v is None else _number(v, f"{path}, {k}, frame {i}")
-                for i, v in enumerate(c)
-            ]
-            for k, c in lists.items()
-        ]
+        [_numbers(c, [f"{path}, {k}, frame {i}" for i in range(len(c))]) for k, c in lists.items()]
     )
     left_out = [k for k in content if k not in lists and normalised(k) not in (*_FPS, *_COUNTS)]
     return _recording(path, list(lists), matrix.T, names, fps, None, left_out)
@@ -250,12 +250,7 @@ def read_npz_recording(path, names=None):
     """The rows of an npz file of weights; see `read_weights` for its forms."""
     path = existing_file(path, _NPZ)
     with open(path, "rb") as file, StoredArrays(path, file, _NPZ) as stored:
-        fps = None
-        if "fps" in stored:
-            fps = stored.read("fps", kinds="fiu")
-            if fps.size != 1 or not 0 < fps.ravel()[0] < np.inf:
-                raise ValueError(f"{path}: fps is {fps.tolist()}, but must be one rate above 0.")
-            fps = float(fps.ravel()[0])
+        fps = stored_rate(stored, "rate")
         if "weights" in stored:
             return _of_matrix(path, stored, names, fps)
         tracks = [k for k in stored.names if k != "fps" and len(stored.shape(k)) == 1]

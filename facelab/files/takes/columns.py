@@ -3,11 +3,9 @@
 import re
 from dataclasses import dataclass, field
 
+from facelab.files.text import time_columns
 from facelab.names import ARKIT, canonical, normalised
 
-_TIME = ("timecode", "time", "times", "timestamp", "timestamps", "seconds", "sec", "secs", "t")
-_MILLISECONDS = ("ms", "milliseconds", "timems", "timestampms", "timestampsms")
-_FRAME = ("frame", "frames", "frameid", "framenumber", "frameindex", "frameno", "index", "idx")
 _COUNT = "blendshapecount"
 _INTENSITY = re.compile(r"AU\d\d_r")
 
@@ -56,19 +54,13 @@ def live_link_columns(header, place, timed=True):
     ValueError
         For columns without a name or with the same, no time code, or no weight of ARKit.
     """
-    columns = Columns()
+    _refuse_nameless(header, place)
+    keys = [normalised(name) for name in header]
+    columns = Columns(time=_first("timecode", keys), count=_first(_COUNT, keys))
     for k, name in enumerate(header):
-        key, known = normalised(name), canonical(name)
-        if not name:
-            raise ValueError(f"{place}: column {k + 1} has no name; name it, or remove it.")
-        if key == "timecode" and columns.time is None:
-            columns.time = k
-        elif key == _COUNT and columns.count is None:
-            columns.count = k
-        elif known:
-            columns.numbers[k] = known
-        else:
-            columns.others[k] = name
+        if k not in (columns.time, columns.count):
+            known = canonical(name)
+            (columns.numbers if known else columns.others)[k] = known or name
     if (columns.time is None and timed) or not {*columns.numbers.values()} & {*ARKIT}:
         what = "Timecode" if columns.numbers else "a weight of ARKit (JawOpen, EyeBlinkLeft, ...)"
         raise ValueError(
@@ -105,14 +97,10 @@ def weight_columns(header, place, names=None):
     ValueError
         For columns without a name or with the same, or names that are not there.
     """
-    header = list(header)
-    columns, rest = _timed(header), []
+    header, columns = list(header), _timed(header)
+    _refuse_nameless(header, place, but=columns.frame)
     told = (columns.time, columns.count, columns.frame, columns.fps)
-    for k, name in enumerate(header):
-        if not name and k != columns.frame:
-            raise ValueError(f"{place}: column {k + 1} has no name; name it, or remove it.")
-        if k not in told:
-            rest.append(k)
+    rest = [k for k in range(len(header)) if k not in told]
     if names is not None:
         missing = [n for n in names if n not in header]
         if missing:
@@ -135,19 +123,13 @@ def weight_columns(header, place, names=None):
 
 
 def _timed(header):
-    columns = Columns()
+    time, milliseconds, frame = time_columns(header)
     keys = [normalised(name) for name in header]
-    for k, key in enumerate(keys):
-        if key == "fps" and columns.fps is None:
-            columns.fps = k
-        elif key == _COUNT and columns.count is None:
-            columns.count = k
-        elif columns.frame is None and (key in _FRAME or (k == 0 and not header[0])):
-            columns.frame = k
-    for key in (*_TIME, *_MILLISECONDS):  # the one that tells most
-        if key in keys and columns.time is None:
-            columns.time, columns.milliseconds = keys.index(key), key in _MILLISECONDS
-    return columns
+    return Columns(time, _first(_COUNT, keys), frame, _first("fps", keys), milliseconds)
+
+
+def _first(key, keys):
+    return keys.index(key) if key in keys else None
 
 
 def _is_arkit(names):
@@ -155,6 +137,12 @@ def _is_arkit(names):
     ends = [name.split(".")[-1].split(":")[-1].lower() for name in names]
     found = {*ends} & {name.lower() for name in ARKIT}
     return 2 * len(found) >= max(len(ARKIT), len(names))
+
+
+def _refuse_nameless(header, place, but=None):
+    for k, name in enumerate(header):
+        if not name and k != but:
+            raise ValueError(f"{place}: column {k + 1} has no name; name it, or remove it.")
 
 
 def _refuse_doubles(names, header, place):

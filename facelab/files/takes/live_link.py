@@ -12,6 +12,7 @@ from facelab.files.takes.recording import as_take
 from facelab.files.takes.rows import read_rows
 from facelab.files.takes.timecodes import CODED, SLOWEST
 from facelab.files.text import TextTable
+from facelab.files.words import listed
 from facelab.motion import WeightSequence
 from facelab.names import ANGLES, ARKIT, arkit_names
 from facelab.storage import atomic_path
@@ -68,9 +69,9 @@ def read_live_link_csv(path, fps=None, scale=None, repeats="lost"):
 
 def read_live_link(table, fps, scale, repeats, stacklevel):
     """As `read_live_link_csv`, of a table of which the header is read."""
-    place = f"{table.path}, line {table.header_line}"
+    place = table.place(table.header_line)
     columns = live_link_columns(table.header, place, timed=fps is None)
-    found = read_rows(_Rejoined(table, columns), columns)
+    found = read_rows(table, columns, _rejoined(table, columns.time))
     weights = [n for n in found.names if n not in ANGLES]
     missing = [n for n in ARKIT if n not in weights]
     if missing:
@@ -90,30 +91,19 @@ def read_live_link(table, fps, scale, repeats, stacklevel):
     return as_take(found, fps, scale, repeats, stacklevel)
 
 
-class _Rejoined:
-    """The table, with time codes made whole where `;` is both drop-frame mark and separator."""
-
-    def __init__(self, table, columns):
-        self._table, self._time, self._cut = table, columns.time, None
-        self.path, self.header, self.header_line = table.path, table.header, table.header_line
-        self.number = table.number
-
-    @property
-    def ended(self):
-        return self._table.ended
-
-    def rows(self):
-        k = self._time
-        for number, cells, plain in self._table.rows():
-            if self._cut is None:
-                # the first row tells: one cell too many, or no face in it and one cell too many
-                filled = len(cells) - next((i for i, c in enumerate(cells[::-1]) if c.strip()), 0)
-                odd = filled == len(self.header) + 1 or filled == 3 < len(self.header)
-                code = k is not None and len(cells) > k and _SPLIT.fullmatch(cells[k].strip())
-                self._cut = bool(self._table.delimiter == ";" and code and odd)
-            if self._cut and len(cells) > k + 1:
-                cells = [*cells[:k], f"{cells[k]};{cells[k + 1]}", *cells[k + 2 :]]
-            yield number, cells, plain
+def _rejoined(table, k):
+    """Rows of a table, time codes made whole where `;` is both drop-frame mark and separator."""
+    cut = None
+    for number, cells, plain in table.rows():
+        if cut is None:
+            # the first row tells: one cell too many, or no face in it and one cell too many
+            filled = len(cells) - next((i for i, c in enumerate(cells[::-1]) if c.strip()), 0)
+            odd = filled == len(table.header) + 1 or filled == 3 < len(table.header)
+            code = k is not None and len(cells) > k and _SPLIT.fullmatch(cells[k].strip())
+            cut = bool(table.delimiter == ";" and code and odd)
+        if cut and len(cells) > k + 1:
+            cells = [*cells[:k], f"{cells[k]};{cells[k + 1]}", *cells[k + 2 :]]
+        yield number, cells, plain
 
 
 # --- writing --------------------------------------------------------------------------------------
@@ -147,8 +137,8 @@ def to_arkit(take):
     targets = {name: arkit_names(name) for name in take.names}
     if not any(targets.values()):
         raise ValueError(
-            f"take has no unit with an ARKit name; its units are {', '.join(take.names[:6])}, ...; "
-            "write it under its own names with write_weights_csv."
+            f"take has no unit with an ARKit name; its units are {listed(take.names)}; write "
+            "it under its own names with write_weights_csv."
         )
     W = np.where(take.valid[:, None], take.weights, 0)
     used = (np.abs(W) > 1e-3).any(axis=0)

@@ -35,7 +35,7 @@ class Recording:
     what : str
         What `rows` count: "line", "frame".
     codes : list of str, optional
-        Time code of each row.
+        Time code of each row, without blanks around it.
     frames : list of int, optional
         Frame number of each row.
     fps : float, optional
@@ -252,8 +252,9 @@ def _checked(found, face, is_angle, scale):
         )
         rest = [k for k in range(len(found.names)) if k not in degrees]
         found.names = [found.names[k] for k in rest]
-        values, is_angle = values[:, rest], is_angle[rest]
-    wide = [n for n, a in zip(found.names, is_angle, strict=True) if a and _turns(found, values, n)]
+        found.values = values = values[:, rest]
+        is_angle = is_angle[rest]
+    wide = [found.names[k] for k in np.flatnonzero(is_angle) if _turn(values[:, k]) > 1.01 * np.pi]
     if wide:
         found.warned.append(
             f"{', '.join(wide)} turn further than half a turn in radians; if these are degrees, "
@@ -270,24 +271,24 @@ def _checked(found, face, is_angle, scale):
     return values, is_angle
 
 
-def _turns(found, values, name):
-    return np.nanmax(np.abs(values[:, found.names.index(name)])) > 1.01 * np.pi
-
-
 def _degrees(found, values, is_angle):
     """Columns of angles beyond a turn in radians; beyond a turn in degrees they are refused."""
     out = []
     for k in np.flatnonzero(is_angle):
-        size = np.abs(values[:, k])
-        if np.nanmax(size) > 360:
-            row = int(np.nanargmax(size))
+        most = _turn(values[:, k])
+        if most > 360:
+            row = int(np.nanargmax(np.abs(values[:, k])))
             raise ValueError(
                 f"{found.place(row, k)}: {values[row, k]:g} is no angle, in radians or degrees; "
                 "repair that value."
             )
-        if np.nanmax(size) > 2 * np.pi:
+        if most > 2 * np.pi:
             out.append(int(k))
     return out
+
+
+def _turn(angles):
+    return np.nanmax(np.abs(angles))
 
 
 def _refuse_weights(found, W, far, row, column, scale):
@@ -318,7 +319,7 @@ def _timed(found, fps):
         if found.codes is not None:
             found.notes.append(f"time codes not used: fps={fps:g} was given")
     elif found.codes is not None:
-        return timing(found.codes, found.rows, found.path, found.what)
+        return timing(found)
     elif found.fps is not None:
         fps = found.fps
     else:

@@ -10,7 +10,7 @@ from facelab.files.takes.recording import Recording
 _EMPTY = ("", "nan", "NaN", "na", "NA", "null", "None")
 
 
-def read_rows(table, columns, cut_is_said=True):
+def read_rows(table, columns, rows=None):
     """The rows of a table as a `Recording`.
 
     A row without a face holds no numbers, or a time code and the count 0. A last row that is cut
@@ -22,8 +22,8 @@ def read_rows(table, columns, cut_is_said=True):
     table : TextTable
         With its rows still to come.
     columns : Columns
-    cut_is_said : bool, default=True
-        Say so where the last row has no line end, and may be cut within its last number.
+    rows : iterable, optional
+        Its rows, if they are not just as they stand there.
 
     Returns
     -------
@@ -36,7 +36,7 @@ def read_rows(table, columns, cut_is_said=True):
     """
     reader = _Reader(table, columns)
     doubt = None  # a last row may be cut, no other
-    for number, cells, plain in table.rows():
+    for number, cells, plain in table.rows() if rows is None else rows:
         if doubt is not None:
             raise doubt
         try:
@@ -53,7 +53,7 @@ def read_rows(table, columns, cut_is_said=True):
             f"the last row, line {reader.last}, ends in a number with fewer digits than all others "
             "there: cut short and left out"
         )
-    elif not table.ended and cut_is_said:
+    elif not table.ended:
         found.warned.append(
             f"the last row, line {reader.last}, has no line end: its last number may be cut"
         )
@@ -81,7 +81,7 @@ class _Reader:
 
     def add(self, number, cells, plain):
         """Take one row in; nothing of it is kept if it is refused."""
-        self.last, columns, place = number, self.columns, f"{self.table.path}, line {number}"
+        self.last, columns, place = number, self.columns, self.table.place(number)
         if len(cells) != self.width:
             cells = self._fitted(cells, place)
         picked, counted = self.pick(cells), None
@@ -99,7 +99,7 @@ class _Reader:
         if columns.fps is not None:
             self._same_fps(number, cells[columns.fps])
         if columns.time is not None:
-            self.codes.append(cells[columns.time])
+            self.codes.append(cells[columns.time].strip())
         for k, column in self.others.items():
             column.append(cells[k].strip())
         self.rows.append(number)
@@ -125,16 +125,11 @@ class _Reader:
         return cells
 
     def _whole(self, number, column, cells):
-        name, text = self.table.header[column], cells[column].strip()
-        if not (text.isascii() and text.isdigit() and len(text) < 16):
-            value = self.table.number(number, name or f"{column + 1}", text)
-            if value % 1 or not 0 <= value < 1e15:
-                raise ValueError(
-                    f"{self.table.path}, line {number}, column {name or column + 1}: {text!r} is "
-                    "no whole number."
-                )
-            return int(value)
-        return int(text)
+        name, text = self.table.header[column] or f"{column + 1}", cells[column].strip()
+        value = self.table.number(number, name, text)
+        if value % 1 or not 0 <= value < 1e15:
+            raise ValueError(f"{self.table.place(number, name)}: {text!r} is no whole number.")
+        return int(value)
 
     def _lost(self, picked, counted, place):
         for name, cell in zip(self.names, picked, strict=True):
@@ -172,7 +167,7 @@ class _Reader:
             self.count = counted
         elif counted != self.count:
             raise ValueError(
-                f"{self.table.path}, line {number}: the row counts {counted} weights, those before "
+                f"{self.table.place(number)}: the row counts {counted} weights, those before "
                 f"{self.count}; one of them is damaged."
             )
 
@@ -182,12 +177,12 @@ class _Reader:
             rate = self.table.number(number, self.table.header[self.columns.fps], text)
             if rate <= 0:
                 raise ValueError(
-                    f"{self.table.path}, line {number}: a rate of {text.strip()} frames a second; "
+                    f"{self.table.place(number)}: a rate of {text.strip()} frames a second; "
                     "it must be more than 0."
                 )
         elif text.strip() != self.fps:
             raise ValueError(
-                f"{self.table.path}, line {number}: here should be {self.fps} frames a second, as "
+                f"{self.table.place(number)}: here should be {self.fps} frames a second, as "
                 f"above, but there is {text.strip()[:40]!r}; the table was cut or edited."
             )
 

@@ -59,19 +59,6 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class _Codes:
-    """Rows of one file: their codes, and where they stand."""
-
-    texts: list
-    lines: list
-    path: object
-    what: str
-
-    def place(self, i):
-        return f"{self.path}, {self.what} {self.lines[i]}"
-
-
-@dataclass(frozen=True)
 class _Beats:
     """What the codes count: the beat of each row, and beats in a second of theirs."""
 
@@ -84,8 +71,8 @@ class _Beats:
         return float(rate * 1000 / 1001 if self.drop else rate)
 
 
-def timing(texts, lines, path, what="line"):
-    """Where rows with these time codes stand in time.
+def timing(found):
+    """Where the rows of a recording stand in time, by their time codes.
 
     The rate is the one at which the codes run, taken as a common one (24, 25, 29.97, 30, 50, 59.94,
     60, ...) where they allow that. Frames missing between two rows at most `LONGEST_FILL` seconds
@@ -93,14 +80,8 @@ def timing(texts, lines, path, what="line"):
 
     Parameters
     ----------
-    texts : list of str
-        The code of each row, all of one kind.
-    lines : list of int
-        Line of each row, for messages.
-    path : Path
-        File, for messages.
-    what : str
-        What `lines` count, for messages.
+    found : Recording
+        With codes that are all of one kind.
 
     Returns
     -------
@@ -112,15 +93,14 @@ def timing(texts, lines, path, what="line"):
         For codes that cannot be read, do not run forwards, or run at no rate a face is recorded
         with; the message names file and line, and `fps=` where that helps.
     """
-    codes = _Codes(texts, lines, path, what)
-    beats = _beats(codes)
+    beats = _beats(found)
     step = np.diff(beats.at)
     if (step <= 0).any():
         i = int(np.flatnonzero(step <= 0)[0])
         how = "repeats" if step[i] == 0 else "runs back behind"
         raise ValueError(
-            f"{codes.place(i + 1)}: time code {texts[i + 1].strip()} {how} that of {what} "
-            f"{lines[i]}, {texts[i].strip()}; remove it, or, {_REMEDY}."
+            f"{found.place(i + 1)}: time code {found.codes[i + 1]} {how} that of "
+            f"{found.what} {found.rows[i]}, {found.codes[i]}; remove it, or, {_REMEDY}."
         )
     if not len(step):
         fps = beats.of_the_clock(beats.per_second)
@@ -128,8 +108,9 @@ def timing(texts, lines, path, what="line"):
     rough = beats.per_second / np.median(step)
     if not 0.99 * SLOWEST <= rough <= 1.01 * FASTEST:
         raise ValueError(
-            f"{path}, {what}s {lines[0]} to {lines[-1]}: the time codes amount to {rough:.3g} "
-            f"frames/s, and a face is recorded with {SLOWEST} to {FASTEST}; {_REMEDY}."
+            f"{found.path}, {found.what}s {found.rows[0]} to {found.rows[-1]}: the time codes "
+            f"amount to {rough:.3g} frames/s, and a face is recorded with {SLOWEST} to {FASTEST}; "
+            f"{_REMEDY}."
         )
     slots, rate, squeezed = _placed(beats.at / beats.per_second, rough)
     fps, gaps = beats.of_the_clock(rate), {}
@@ -137,18 +118,18 @@ def timing(texts, lines, path, what="line"):
         missing = int(slots[i + 1] - slots[i] - 1)
         slots[i + 1 :] -= missing
         gaps[int(slots[i + 1])] = missing / fps
-    _refuse_made_up(slots, squeezed, len(gaps), codes)
+    _refuse_made_up(slots, squeezed, len(gaps), found)
     return Timing(slots, fps, gaps, beats.notes)
 
 
-def _refuse_made_up(slots, squeezed, n_gaps, codes):
+def _refuse_made_up(slots, squeezed, n_gaps, found):
     """Where so much would be missing or does not fit, the codes do not count frames."""
     step = np.diff(slots)
     filled = int((step - 1).sum())
     broken = int((step > 1).sum()) + n_gaps
     if filled > max(len(slots), 60) or broken > max(3, len(step) / 2) or squeezed > len(step) / 8:
         raise ValueError(
-            f"{codes.place(0)} and below: by their time codes these {len(slots)} rows lack "
+            f"{found.place(0)} and below: by their time codes these {len(slots)} rows lack "
             f"{filled} frames and more in {n_gaps} gaps, and {squeezed} come too soon: such codes "
             f"do not count frames; {_REMEDY}."
         )
@@ -157,19 +138,19 @@ def _refuse_made_up(slots, squeezed, n_gaps, codes):
 # --- what the codes say ---------------------------------------------------------------------------
 
 
-def _beats(codes):
-    first = codes.texts[0].strip()
+def _beats(found):
+    first = found.codes[0]
     kinds = ((_SMPTE, _smpte), (_CLOCK, _clock), (_SECONDS, _seconds))
     kind, read = next((k for k in kinds if k[0].fullmatch(first)), kinds[-1])
-    found = [kind.fullmatch(text.strip()) for text in codes.texts]
-    if None in found:
-        i = found.index(None)
+    matches = [kind.fullmatch(text) for text in found.codes]
+    if None in matches:
+        i = matches.index(None)
         wanted = f"of the kind of the first, {first}" if i else "HH:MM:SS:FF.fff"
         raise ValueError(
-            f"{codes.place(i)}: time code {codes.texts[i].strip()[:40]!r} is not {wanted}"
+            f"{found.place(i)}: time code {found.codes[i][:40]!r} is not {wanted}"
             + ("." if i else f", a clock time or seconds; {_REMEDY}.")
         )
-    return read([m.groups(default="0") for m in found], codes)
+    return read([m.groups(default="0") for m in matches], found)
 
 
 def _past_midnight(at, day):
@@ -177,13 +158,12 @@ def _past_midnight(at, day):
     return at + day * np.cumsum(np.diff(at, prepend=at[0]) < -day * 23 / 24)
 
 
-def _minutes(hours, minutes, codes):
+def _minutes(hours, minutes, found):
     hours = np.array([int(h) for h in hours])
     if (hours > 23).any():
         i = int(np.flatnonzero(hours > 23)[0])
         raise ValueError(
-            f"{codes.place(i)}: time code {codes.texts[i].strip()} has {hours[i]} hours, and a "
-            "day has 24."
+            f"{found.place(i)}: time code {found.codes[i]} has {hours[i]} hours, and a day has 24."
         )
     return hours * 60 + np.array([int(m) for m in minutes])
 
@@ -192,35 +172,35 @@ def _fractions(digits):
     return np.array([int(d) / 10 ** len(d) for d in digits])
 
 
-def _seconds(parts, codes):
-    seconds = np.array([float(text.replace(",", ".")) for text in codes.texts])
+def _seconds(parts, found):
+    seconds = np.array([float(text.replace(",", ".")) for text in found.codes])
     if len(seconds) > 1 and not (seconds % 1).any():
         raise ValueError(
-            f"{codes.place(0)}: {codes.texts[0].strip()}, {codes.texts[1].strip()}, ... count rows "
+            f"{found.place(0)}: {found.codes[0]}, {found.codes[1]}, ... count rows "
             "or whole seconds, and no rate is told; name the column timestamp_ms if it counts "
             f"milliseconds; {_REMEDY}."
         )
     return _Beats(seconds, 1)
 
 
-def _clock(parts, codes):
+def _clock(parts, found):
     hours, minutes, seconds, digits = zip(*parts, strict=True)
     if {len(d) for d in digits} == {2} and max(digits) < "60":
         raise ValueError(
-            f"{codes.place(0)}: {codes.texts[0].strip()} may count frames or hundredths of a "
+            f"{found.place(0)}: {found.codes[0]} may count frames or hundredths of a "
             f"second; {_REMEDY}."
         )
-    whole = 60 * _minutes(hours, minutes, codes) + np.array([int(s) for s in seconds])
+    whole = 60 * _minutes(hours, minutes, found) + np.array([int(s) for s in seconds])
     return _Beats(_past_midnight(whole + _fractions(digits), _DAY), 1)
 
 
-def _smpte(parts, codes):
+def _smpte(parts, found):
     hours, minutes, seconds, marks, frames, digits = zip(*parts, strict=True)
-    minute = _minutes(hours, minutes, codes)
+    minute = _minutes(hours, minutes, found)
     seconds = np.array([int(s) for s in seconds])
     frame, part, drop = np.array([int(f) for f in frames]), _fractions(digits), ";" in marks
     second = 60 * minute + seconds
-    base, notes = _base(second, frame, part, drop, codes)
+    base, notes = _base(second, frame, part, drop, found)
     if _is_millisecond(frame, part, base):
         notes += ("the digits behind the frame number are taken as milliseconds of the second",)
         return _Beats(_past_midnight(second + part, _DAY), 1, False, notes)
@@ -237,13 +217,13 @@ def _smpte(parts, codes):
     return _Beats(_past_midnight(beats, day), base, True, notes)
 
 
-def _base(second, frame, part, drop, codes):
+def _base(second, frame, part, drop, found):
     """Numbers that the code counts in a second, and notes."""
     most = int(frame.max())
     if most >= FASTEST:
         i = int(frame.argmax())
         raise ValueError(
-            f"{codes.place(i)}: time code {codes.texts[i].strip()} counts {most} frames in a "
+            f"{found.place(i)}: time code {found.codes[i]} counts {most} frames in a "
             f"second; {FASTEST} at most."
         )
     step, turns = np.diff(frame + part), np.diff(second) % _DAY == 1

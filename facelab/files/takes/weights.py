@@ -78,7 +78,7 @@ def read_weights(path, fps=None, scale=None, names=None):
         table = TextTable(path, "table of weights")
         if names is None and is_live_link(table.header):
             return read_live_link(table, fps, scale, "lost", 4)
-        place = f"{table.path}, line {table.header_line}"
+        place = table.place(table.header_line)
         if table.header[:2] == ["frame", "fps"] and names is None:
             found = _ours(table, place)
         else:

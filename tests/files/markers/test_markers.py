@@ -122,6 +122,12 @@ def test_npz_keeps_float32_and_takes_integers(tmp_path, P):
     np.testing.assert_array_equal(take.positions, whole)
 
 
+def test_arrays_of_an_npz_that_are_not_read_are_told(tmp_path, P):
+    seen = np.isfinite(P[..., 0])
+    path = saved(tmp_path / "v.npz", positions=P, names=NAMES, fps=100, unit="mm", seen=seen)
+    assert "1 other array(s) left out (seen)" in read_markers(path).report.notes
+
+
 @pytest.mark.parametrize(
     "change, words",
     [

@@ -165,6 +165,27 @@ def test_a_row_of_empty_cells_is_a_frame_without_markers(tmp_path, P):
     check(read(tmp_path, trc(P, NAMES), "take.trc"), P, 60)
 
 
+def test_time_codes_beside_markers_are_left_out(tmp_path, P):
+    lines = plain(P, NAMES, timed=False).split()
+    lines = ["TimeCode," + lines[0]] + [f"10:00:00:{i:02d},{v}" for i, v in enumerate(lines[1:])]
+    take = read(tmp_path, "\n".join(lines) + "\n", fps=30)
+    check(take, P, 30)
+    assert "1 other column(s) left out (TimeCode)" in take.report.notes
+
+
+@pytest.mark.parametrize("placed, turn", [("Head_T", "Head_R"), ("T", "R"), ("Head_", "Head_q")])
+def test_rotations_of_what_other_columns_place_are_no_markers(tmp_path, P, placed, turn):
+    lines = plain(P, NAMES, timed=False).split()
+    more = [f"{stem}{axis}" for stem in (placed, turn) for axis in "xyz"]
+    lines = [",".join([lines[0], *more])] + [f"{line},1,2,3,.1,.2,.3" for line in lines[1:]]
+    take = read(tmp_path, "\n".join(lines) + "\n", fps=30)
+    assert take.names == (*NAMES, placed.rstrip("_"))
+    assert f"3 other column(s) left out ({turn}x, {turn}y, {turn}z)" in take.report.notes
+    names = ["lip", "lip_r", "lip_v", *NAMES[3:]]  # a right and a lower lip
+    for joint in ("_", ""):
+        assert read(tmp_path, plain(P, names, joint=joint)).names == tuple(names)
+
+
 def test_a_name_above_three_axes(tmp_path, P):
     head = ["frame"] + [n for name in NAMES for n in (name, "", "")]
     lines = [",".join(head), ",".join([""] + list("xyz") * 7)]
