@@ -1,5 +1,8 @@
 """Checks at the boundary: one wording for what was wrong, where, and what to do."""
 
+from collections import Counter
+from collections.abc import Iterable
+
 import numpy as np
 
 
@@ -66,6 +69,30 @@ def as_numbers(array, name, wanted, remedy="remove or repair the bad values"):
         ) from None
     except OverflowError:
         raise ValueError(f"{name} holds an integer beyond all floats; {remedy}.") from None
+
+
+def as_floats(array, name, wanted, remedy="remove or repair the bad values"):
+    """As `as_numbers`, but floats stay as they are: in single precision, or mapped from a file."""
+    if isinstance(array, np.ndarray) and array.dtype.kind == "f":
+        refuse_mask(array, name, remedy)
+        return np.asarray(array)
+    return as_numbers(array, name, wanted, remedy)
+
+
+def check_names(names):
+    """The names as a tuple, refused unless they are texts, each once."""
+    if not isinstance(names, Iterable):
+        raise TypeError(f"names={names!r} is no list of texts; give a name for each.")
+    names = tuple(names)
+    other = [repr(name) for name in names if not isinstance(name, str)]
+    if other:
+        raise TypeError(
+            f"names holds {', '.join(other[:6])}, no texts; give them as texts: map(str, names)."
+        )
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice:
+        raise ValueError(f"names holds {', '.join(twice)} more than once; each needs its own.")
+    return names
 
 
 def _numeric(value):

@@ -1,13 +1,20 @@
 """Sequences in time: positions of a mesh or of markers, weights of a rig. Arrays with names."""
 
-from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from facelab.checks import as_finite, check_index, check_number
+from facelab.checks import (
+    as_finite,
+    as_floats,
+    check_index,
+    check_names,
+    check_number,
+    check_type,
+    refuse_mask,
+)
 from facelab.geometry.alignment import rigid_motion
 from facelab.geometry.mesh import TriangleMesh
 from facelab.numeric.filters import one_euro, zero_phase
@@ -30,12 +37,6 @@ def _finite(positions, block=256):
         part = slice(first, first + block)
         finite[part] = np.isfinite(positions[part]).all(axis=(1, 2))
     return finite
-
-
-def _refuse_doubled(names):
-    twice = sorted(name for name, count in Counter(names).items() if count > 1)
-    if twice:
-        raise ValueError(f"names holds {', '.join(twice)} more than once; each needs its own.")
 
 
 class _Sequence:
@@ -101,15 +102,15 @@ class MotionSequence(_Sequence):
     valid: np.ndarray = None
 
     def __post_init__(self):
-        positions = np.asarray(self.positions)
+        check_type(self.mesh, "mesh", TriangleMesh, "give the face at rest: facelab.read_mesh")
         wanted = (self.mesh.n_vertices, 3)
+        shape = f"(n_frames, {wanted[0]}, 3)"
+        positions = as_floats(self.positions, "positions", shape, "mark lost frames in `valid`")
         if positions.ndim != 3 or positions.shape[1:] != wanted:
             raise ValueError(
                 f"positions has shape {positions.shape}, but the mesh asks for "
                 f"(n_frames, {wanted[0]}, 3)."
             )
-        if positions.dtype.kind != "f":
-            positions = positions.astype(float)
         valid = _valid_mask(self.valid, len(positions))
         bad = valid & ~_finite(positions)
         if bad.any():
@@ -216,7 +217,8 @@ class WeightSequence(_Sequence):
     report: object = None
 
     def __post_init__(self):
-        names = tuple(self.names)
+        names = check_names(self.names)
+        refuse_mask(self.weights, "weights", "mark lost frames in `valid`")
         weights = np.asarray(self.weights)
         if weights.dtype.kind not in "fiu":
             raise TypeError(
@@ -228,7 +230,6 @@ class WeightSequence(_Sequence):
                 f"weights has shape {weights.shape}, but {len(names)} names ask for "
                 f"(n_frames, {len(names)})."
             )
-        _refuse_doubled(names)
         valid = _valid_mask(self.valid, len(weights))
         as_finite(weights[valid], "weights", ("n_frames", len(names)), "valid frames")
         angles, others = (
@@ -467,16 +468,14 @@ class MarkerSequence(_Sequence):
     report: object = None
 
     def __post_init__(self):
-        names = tuple(self.names)
-        positions = np.asarray(self.positions)
+        names = check_names(self.names)
+        shape = f"(n_frames, {len(names)}, 3)"
+        positions = as_floats(self.positions, "positions", shape, "an occluded marker has NaN")
         if positions.ndim != 3 or positions.shape[1:] != (len(names), 3):
             raise ValueError(
                 f"positions has shape {positions.shape}, but {len(names)} names ask for "
                 f"(n_frames, {len(names)}, 3)."
             )
-        _refuse_doubled(names)
-        if positions.dtype.kind != "f":
-            positions = positions.astype(float)
         missing = np.isnan(positions)
         for bad, what in (
             (np.isinf(positions).any(axis=2), "infinite values"),

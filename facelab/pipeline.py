@@ -14,7 +14,8 @@ from facelab.models.evaluation import rms_error
 from facelab.models.region import RegionModel
 from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
 from facelab.posing.session import PosingSession
-from facelab.registration.fit import MarkerFit, fit_markers, rest_markers
+from facelab.registration.fit import MarkerFit, fit_markers
+from facelab.registration.rest import rest_markers
 from facelab.registration.sequence import register_sequence
 from facelab.rig import BlendshapeRig
 from facelab.segmentation.regions import Regions

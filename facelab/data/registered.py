@@ -18,7 +18,8 @@ from facelab.geometry.mesh import TriangleMesh
 from facelab.keeping import keep_arrays, source_stamp
 from facelab.motion import MotionSequence
 from facelab.numeric.threads import side_by_side
-from facelab.registration.fit import MarkerFit, fit_markers, rest_markers
+from facelab.registration.fit import MarkerFit, fit_markers
+from facelab.registration.rest import rest_markers
 from facelab.registration.sequence import register_sequence
 from facelab.registration.warp import PRESETS
 

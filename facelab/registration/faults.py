@@ -17,6 +17,7 @@ _LEAST = 5.0  # mm; no jump is smaller: more than noise makes in one frame, or a
 _PAIR = 25.0  # mm; exchanges are looked for this far, or as far as the neighbours of a marker are
 _SURE = 0.7  # of the smallest jump: a change that is none for sure
 _LEARNED = 2048  # frames that the motion of each marker is learned from
+_NO_SKIN = 40.0  # mm from where the others lead it; a chin that opens is 15 mm off
 _LONGEST = 1.0  # s that a marker may stray and still be known by its return
 _LOOK_BACK = 60  # stretches of a track between jumps, that a later one may follow on
 
@@ -272,9 +273,10 @@ class StrayJudge:
         return both & (step > _SURE * self.step * np.sqrt(frame - before))
 
     def _never_home(self, moved, rounds=4):
-        """Stretches of tracks that never are within the limit: mask; `moved` gets NaN.
+        """Stretches of tracks that never are within the limit, or leave it for far: mask.
 
-        A true peak comes from the face and returns to it. The worst of a neighbourhood goes first.
+        `moved` gets NaN. A true peak comes from the face and returns to it. The worst of a
+        neighbourhood goes first.
         """
         stray = np.zeros(moved.shape[:2], dtype=bool)
         near = self._neighbours()
@@ -285,16 +287,30 @@ class StrayJudge:
             for m in np.flatnonzero((off > self.limit).any(axis=0)):
                 at = np.flatnonzero(np.isfinite(off[:, m]))
                 for part in np.split(at, np.flatnonzero(cut[at, m])):
-                    if part.size and (off[part, m] > self.limit[m]).all():
-                        around = np.nan_to_num(off[np.ix_(part, near[m])]).mean(axis=0)
-                        if off[part, m].mean() > 0.999 * around.max():
-                            found.append((part, m))
+                    for away in self._away(part, off[part, m], self.limit[m]):
+                        around = np.nan_to_num(off[np.ix_(away, near[m])]).mean(axis=0)
+                        if off[away, m].mean() > 0.999 * around.max():
+                            found.append((away, m))
             for part, m in found:
                 stray[part, m] = True
                 moved[part, m] = np.nan
             if not found:
                 break
         return stray
+
+    @staticmethod
+    def _away(part, off, limit):
+        """Of a stretch of a track, the frames that are no face's: list of ndarray.
+
+        All of it if it never is within the limit, else what leaves it for where no skin goes, as a
+        marker that falls off does.
+        """
+        beyond = off > limit
+        if beyond.all():
+            return [part] if part.size else []
+        edges = np.flatnonzero(np.diff(beyond)) + 1
+        cut = zip(np.split(part, edges), np.split(off, edges), strict=True)
+        return [frames for frames, far in cut if far.max() > max(_NO_SKIN, 3 * limit)]
 
     def _neighbours(self):
         """The markers that each one leads, itself among them."""

@@ -18,17 +18,21 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.interpolate import RBFInterpolator
 
-from facelab.checks import check_choice, check_number, check_type
-from facelab.geometry.alignment import Alignment, procrustes, rigid_motion
+from facelab.checks import as_numbers, check_choice, check_names, check_number
+from facelab.geometry.alignment import Alignment, procrustes
 from facelab.geometry.closest import closest_points
 from facelab.geometry.mesh import TriangleMesh
-from facelab.motion import MarkerSequence
-from facelab.numeric.quantiles import nan_quantile
 from facelab.registration.landmarks import DOUBTED, check_landmarks, judge
 from facelab.registration.layout import MarkerLayout
 from facelab.registration.prior import Prior, PriorLayout, made_prior
 from facelab.registration.report import check_drawn, check_surface, made_report, near_markers
-from facelab.registration.scan import check_scan, on_border, without_scraps, wound_outwards
+from facelab.registration.scan import (
+    check_scan,
+    check_template,
+    on_border,
+    without_scraps,
+    wound_outwards,
+)
 from facelab.registration.warp import GLUED, PRESETS, SEEN, Preset, relaxed, rows, sliding
 
 _NEEDED = 6  # landmarks, for a warp in three directions that is not exact by chance
@@ -192,68 +196,6 @@ class MarkerFit(Fit):
         return replace(self, prior=made_prior(self.mesh, models, binding, share, mirror))
 
 
-def rest_markers(takes, seconds=0.05):
-    """The markers of a face at rest, from takes that begin with it.
-
-    Parameters
-    ----------
-    takes : MarkerSequence or sequence of MarkerSequence
-        Of one actor in one session.
-    seconds : float, default=0.05
-        How long the face is at rest at the start of each.
-
-    Returns
-    -------
-    positions : ndarray of shape (n_markers, 3)
-        Median over those frames with the head's motion taken away, millimetres, in the frame of
-        the first; NaN for a marker never seen in them.
-    names : tuple of str
-        Of the markers that are seen in a quarter of all frames or more; the others are ghosts.
-
-    Raises
-    ------
-    ValueError
-        If fewer than three markers are seen often enough, or none of the takes starts with three.
-    """
-    takes = [takes] if isinstance(takes, MarkerSequence) else list(takes)
-    check_number(seconds, "seconds", low=0)
-    if not takes:
-        raise ValueError("takes is empty; give one sequence of markers or more.")
-    seen = dict.fromkeys((name for take in takes for name in take.names), 0)
-    for take in takes:
-        for name, count in zip(take.names, take.visible.sum(axis=0), strict=True):
-            seen[name] += count
-    n_frames = sum(take.n_frames for take in takes)
-    names = tuple(name for name, count in seen.items() if count >= n_frames / 4)
-    if len(names) < 3:
-        raise ValueError(
-            f"takes hold {len(names)} marker(s) that are seen in a quarter of all frames or more, "
-            "but a face at rest needs three; give takes of one actor and one session."
-        )
-    column = {name: i for i, name in enumerate(names)}
-    frames = []
-    for take in takes:
-        first = take.positions[: max(1, round(seconds * take.fps))]
-        some = np.full((len(first), len(names), 3), np.nan)
-        known = [i for i, name in enumerate(take.names) if name in column]
-        some[:, [column[take.names[i]] for i in known]] = first[:, known]
-        frames.append(some)
-    frames = np.concatenate(frames)
-    reference = frames[np.isfinite(frames[..., 0]).sum(axis=1).argmax()]
-    for _ in range(2):
-        motion = rigid_motion(frames, reference, robust=True)
-        if not motion.valid.any():
-            raise ValueError(
-                f"the first {seconds:g} s hold no frame with three markers or more that are not "
-                "on one line; give takes that begin with the face at rest."
-            )
-        home = motion.to_head(frames)
-        seen = np.isfinite(home[..., 0]).any(axis=0)
-        reference = np.full(reference.shape, np.nan)
-        reference[seen] = nan_quantile(home[:, seen], 0.5)
-    return reference, names
-
-
 def _warped(template, positions, named, preset, label, height=0.0, normals=None):
     """Similarity and smooth warp by landmarks: data to head frame, and both steps' vertices.
 
@@ -340,15 +282,15 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
     >>> bool(fit.residuals.max() < 0.5)  # millimetres
     True
     """
-    check_type(template, "template", TriangleMesh, "facelab.load_template() is one")
+    check_template(template)
     preset = PRESETS[check_choice(preset, "preset", tuple(PRESETS))]
     offset = check_number(offset, "offset", low=0)
-    names = tuple(names)
-    positions = np.asarray(positions, dtype=float)
+    names = check_names(names)
+    wanted = f"({len(names)}, 3)"
+    positions = as_numbers(positions, "positions", wanted, "a marker that was not seen has NaN")
     if positions.shape != (len(names), 3):
         raise ValueError(
-            f"positions has shape {positions.shape}, but {len(names)} names ask for "
-            f"({len(names)}, 3)."
+            f"positions has shape {positions.shape}, but {len(names)} names ask for {wanted}."
         )
     if np.isinf(positions).any():
         raise ValueError(
@@ -362,8 +304,6 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
         )
     names = tuple(n for n, s in zip(names, seen, strict=True) if s)
     positions = positions[seen]
-    if len(set(names)) < len(names):
-        raise ValueError("names holds a marker twice; each needs its own name.")
     named = {name: i for i, name in enumerate(names)}
     rigid, known, steps = _warped(template, positions, named, preset, "the markers", offset)
     rest = rigid.apply(positions)
@@ -452,7 +392,7 @@ def fit_scan(template, scan, landmarks=None, preset="balanced"):
     >>> bool(fit.residuals.mean() < 0.2)  # millimetres
     True
     """
-    check_type(template, "template", TriangleMesh, "facelab.load_template() is one")
+    check_template(template)
     check_scan(scan)
     preset = PRESETS[check_choice(preset, "preset", tuple(PRESETS))]
     chosen = tuple(scan.landmarks) if landmarks is None else tuple(landmarks)

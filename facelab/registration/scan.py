@@ -15,6 +15,45 @@ _NEAR = 10.0  # mm; only what lies as near to the face has a say in how a piece 
 _OPPOSED = 0.6  # share of that which faces inwards, to turn a piece over
 
 
+def check_template(template):
+    """Refuse a template whose landmarks lie off its surface, or that is wound inwards.
+
+    Markers stand off the skin and scans are matched along its normals, so both would go wrong.
+
+    Warns
+    -----
+    UserWarning
+        For a surface that is cut where vertices lie at the same place.
+    """
+    check_type(template, "template", TriangleMesh, "facelab.load_template() is one")
+    held = np.zeros(template.n_vertices, dtype=bool)
+    held[template.faces] = True
+    off = [name for name, vertex in template.landmarks.items() if not held[vertex]]
+    if off:
+        raise ValueError(
+            f"template: its landmarks {', '.join(off[:6])}{', ...' * (len(off) > 6)} are vertices "
+            "of no triangle, so they have no normal; give landmarks on the surface."
+        )
+    V = template.vertices[template.faces]
+    area = np.cross(V[:, 1] - V[:, 0], V[:, 2] - V[:, 0])
+    out = (area * (V.mean(axis=1) - template.vertices[held].mean(axis=0))).sum(axis=1)
+    if out.sum() < -0.3 * np.abs(out).sum():
+        raise ValueError(
+            "template: its triangles are wound inwards, so that the normals point into the head. "
+            "Turn them over: TriangleMesh(template.vertices, template.faces[:, ::-1], "
+            "template.landmarks)."
+        )
+    index = _joined(template)
+    closed = len(_border(template.faces)) - len(_border(index[template.faces]))
+    if closed > 0:
+        warnings.warn(
+            f"template: {closed} edges of its border lie on each other, as along the seams of a "
+            "texture, and come apart when the face moves. Unless they are closed lids or lips, "
+            "use template.welded()[0].",
+            stacklevel=3,
+        )
+
+
 def check_scan(scan):
     """Refuse what is no surface."""
     check_type(scan, "scan", TriangleMesh, "read it with facelab.read_mesh")
@@ -138,8 +177,13 @@ def wound_outwards(scan, face):
 def on_border(scan):
     """Which vertices lie on the border of a scan, seams closed: bool, shape (n_vertices,)."""
     index = _joined(scan)
-    half = np.sort(np.vstack([index[scan.faces[:, [i, (i + 1) % 3]]] for i in range(3)]), axis=1)
-    edges, count = np.unique(half[half[:, 0] != half[:, 1]], axis=0, return_counts=True)
     border = np.zeros(scan.n_vertices, dtype=bool)
-    border[edges[count == 1]] = True
+    border[_border(index[scan.faces])] = True
     return border[index]
+
+
+def _border(faces):
+    """Edges of one triangle alone: ndarray of int, shape (n_edges, 2)."""
+    half = np.sort(np.vstack([faces[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
+    edges, count = np.unique(half[half[:, 0] != half[:, 1]], axis=0, return_counts=True)
+    return edges[count == 1]

@@ -5,6 +5,7 @@ frames that are none of this face are left out, exchanged and stray markers put 
 filled, and dense frames made on demand.
 """
 
+import warnings
 from collections import Counter
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from tqdm.auto import tqdm
 
-from facelab.checks import check_choice, check_number
+from facelab.checks import check_choice, check_count, check_number, check_type
 from facelab.geometry.alignment import HeadMotion, rigid_motion
-from facelab.motion import MotionSequence
+from facelab.motion import MarkerSequence, MotionSequence
+from facelab.numeric.quantiles import nan_quantile
 from facelab.registration.confidence import expected_error
 from facelab.registration.faults import StrayJudge, find_swaps, runs
 from facelab.registration.fit import MarkerFit
@@ -24,6 +26,7 @@ from facelab.registration.frames import FEW, REASONS, STRAYS, FrameJudge
 from facelab.storage import atomic_path
 
 _BLOCK = 1024  # frames worked on at a time
+_ELSEWHERE = 2.5  # mm; in a take of one's own, hardly a marker is never nearer to its rest
 
 
 class Fault(NamedTuple):
@@ -94,6 +97,12 @@ class Registration:
         """What was believed and what was thrown away, and why, in words: str."""
         frames = [f for f in self.faults if f.kind == "frame"]
         lines = [repr(self)]
+        if self.missing:
+            named = ", ".join(self.missing[:6]) + ", ..." * (len(self.missing) > 6)
+            lines.append(
+                f"not in the take, led by the others: {len(self.missing)} of "
+                f"{len(self.fit.names)} markers ({named})"
+            )
         if frames:
             lines.append(f"frames not believed: {_places(frames, lambda f: f' ({f.reason})')}")
         for kind, said in (("stray", "strayed, not believed"), ("swap", "exchanged, put back")):
@@ -197,8 +206,9 @@ class Registration:
         ValueError, TypeError, FileNotFoundError, PermissionError
             For an array of another shape, or a path that no file can be written to.
         """
-        frames = slice(None) if frames is None else frames
-        vertices = slice(None) if vertices is None else np.asarray(vertices)
+        block = check_count(block, "block", 1, None, "frames")
+        frames = _picked(frames, "frames", len(self.valid))
+        vertices = _picked(vertices, "vertices", self.fit.mesh.n_vertices)
         moved, valid = self.displacements[frames], self.valid[frames]
         carried = self.fit.layout.carrier(vertices)
         rest = self.fit.mesh.vertices[vertices].astype(np.float32)
@@ -256,9 +266,52 @@ class Registration:
         if mesh is None:
             neutral = self.fit.mesh
         else:
-            neutral = mesh.with_vertices(self.fit.mesh.vertices[np.asarray(vertices)])
+            vertices = _picked(vertices, "vertices", self.fit.mesh.n_vertices)
+            neutral = mesh.with_vertices(self.fit.mesh.vertices[vertices])
         made = self.positions(None, vertices, out=out, progress=progress)
         return MotionSequence(made, self.fps, neutral, self.valid)
+
+
+def _picked(chosen, name, size):
+    """A slice, or indices of some of `size` things, refused if one is outside."""
+    if chosen is None or isinstance(chosen, slice):
+        return slice(None) if chosen is None else chosen
+    array = np.asarray(chosen)
+    array = array.astype(int) if array.size == 0 else array
+    if array.ndim == 1 and array.dtype == bool and len(array) == size:
+        array = np.flatnonzero(array)
+    if array.ndim != 1 or array.dtype.kind not in "iu":
+        raise TypeError(
+            f"{name} has shape {array.shape} and type {array.dtype}; give a slice, a list of "
+            f"integers, or a mask of {size}."
+        )
+    out = array[(array < 0) | (array >= size)]
+    if out.size:
+        raise ValueError(
+            f"{name} holds {', '.join(map(str, out[:6].tolist()))}, but there are {size}: 0 to "
+            f"{size - 1}."
+        )
+    return array
+
+
+def _check_rest(take):
+    """Say so where most markers never come near their places at rest: it is another face."""
+    kept = np.flatnonzero(take.why == 0)
+    kept = kept[np.linspace(0, len(kept) - 1, min(len(kept), 400)).astype(int)]
+    off = np.linalg.norm(take.full[kept], axis=2)
+    off[~take.seen[kept]] = np.nan
+    known = np.isfinite(off).any(axis=0)
+    if len(kept) < 10 or not known.any():
+        return
+    nearest = nan_quantile(off[:, known], 0.05)
+    away = int((nearest > _ELSEWHERE).sum())
+    if 2 * away > len(nearest):
+        warnings.warn(
+            f"markers: {away} of {len(nearest)} never come within {_ELSEWHERE:g} mm of their "
+            "places at rest, so what sets the faces apart is taken for motion. Fit the neutral "
+            "of the same actor and session, from frames at rest.",
+            stacklevel=3,
+        )
 
 
 def _root_mean(total, count):
@@ -476,6 +529,11 @@ def register_sequence(fit, markers, head="rigid", bridge=0.1, limit=None, progre
         If the take has no frames, fewer than three markers of the layout or no frame that shows
         them, is mirrored all through, not in millimetres, or named by another layout.
 
+    Warns
+    -----
+    UserWarning
+        If most markers never come near their places at rest.
+
     Examples
     --------
     >>> import facelab
@@ -486,6 +544,8 @@ def register_sequence(fit, markers, head="rigid", bridge=0.1, limit=None, progre
     >>> bool(facelab.register_sequence(fit, take).valid.all())
     True
     """
+    check_type(fit, "fit", MarkerFit, "facelab.fit_markers makes one")
+    check_type(markers, "markers", MarkerSequence, "read it with facelab.read_markers")
     check_choice(head, "head", ("rigid", "whole"))
     bridge = check_number(bridge, "bridge", low=0)
     limit = limit if limit is None else check_number(limit, "limit", above=0)
@@ -517,6 +577,7 @@ def register_sequence(fit, markers, head="rigid", bridge=0.1, limit=None, progre
     if longest:
         _bridge(fit.layout, take.full, take.seen, longest)
     take.full[take.why > 0] = 0.0
+    _check_rest(take)
     return Registration(
         fit, markers.fps, take.head(), take.full, take.seen, take.why == 0, take.faults(longest),
         missing, take.n_samples, np.concatenate(take.rejected),

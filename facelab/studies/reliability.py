@@ -15,7 +15,8 @@ from facelab.checks import as_finite, check_number
 from facelab.data.actors import ACTORS, load_capture, load_template
 from facelab.geometry.alignment import procrustes
 from facelab.registration.confidence import free_edges
-from facelab.registration.fit import fit_markers, rest_markers
+from facelab.registration.fit import fit_markers
+from facelab.registration.rest import rest_markers
 from facelab.registration.sequence import register_sequence
 from facelab.studies.kept import kept
 

@@ -22,7 +22,7 @@ from facelab.data.cache import DataUnavailable
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.closest import closest_points
 from facelab.motion import MarkerSequence
-from facelab.registration.fit import fit_markers, fit_scan, rest_markers
+from facelab.registration import fit_markers, fit_scan, rest_markers
 from facelab.registration.sequence import register_sequence
 
 

@@ -12,8 +12,8 @@ from facelab.geometry.alignment import procrustes
 from facelab.geometry.closest import closest_points
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.motion import MarkerSequence
+from facelab.registration import fit_markers, fit_scan, rest_markers
 from facelab.registration.confidence import expected_error, free_edges
-from facelab.registration.fit import fit_markers, fit_scan, rest_markers
 from facelab.registration.layout import MarkerLayout, covariance, kernel
 from facelab.registration.sequence import Fault, register_sequence
 
@@ -162,7 +162,7 @@ def test_the_face_at_rest_is_told_from_the_starts_of_takes(captures, at_rest):
         (lambda P, names: (P, [f"x{i}" for i in range(len(P))]), "share 0 name"),
         (lambda P, names: (P[:5], names[:5]), "share 5 name"),
         (lambda P, names: (P[:-1], names), "positions has shape"),
-        (lambda P, names: (P, [names[1], *names[1:]]), "twice"),
+        (lambda P, names: (P, [names[1], *names[1:]]), "more than once"),
         (lambda P, names: (np.outer(np.arange(len(P)), [1, 2, 3]), names), "one line"),
     ],
 )  # fmt: skip
