@@ -3,6 +3,7 @@
 Notebook 05 goes it step by step; here are the same steps with the settings that serve most faces.
 """
 
+import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -146,6 +147,11 @@ def model_from_take(
         For no takes, motion of several meshes, a face in pieces, and as `fit_markers`,
         `register_sequence`, `segment_face` and `RegionModel.fit`.
 
+    Warns
+    -----
+    UserWarning
+        For takes of several frame rates.
+
     References
     ----------
     Tena et al. 2011, sections 3 and 4.
@@ -185,6 +191,14 @@ def model_from_take(
     if noise:
         rng = np.random.default_rng(random_state)
         motions = [motion.with_noise(noise, rng) for motion in motions]
+    rates = sorted({motion.fps for motion in motions})
+    if len(rates) > 1:
+        warnings.warn(
+            f"takes have {' and '.join(f'{rate:g}' for rate in rates)} frames a second: all frames "
+            "count alike, so the faster ones count more. Bring them to one rate "
+            f"(take.resampled({rates[0]:g})), or leave it so if that is meant.",
+            stacklevel=2,
+        )
     slow = _joined([motion.resampled(min(fps, motion.fps)) for motion in motions])
     regions = segment_face(slow, random_state=random_state, progress=progress, **cut)
     motion = _joined(motions)

@@ -166,3 +166,13 @@ def test_takes_and_faces_that_do_not_go_together_are_refused(
 def test_settings_out_of_range_are_refused_by_name(rig, weights, wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         facelab.model_from_take(weights, rig, **wrong)
+
+
+def test_takes_of_several_rates_are_said(rig, weights, recwarn):
+    fast = WeightSequence(weights[1].weights, rig.names, 60)
+    facelab.model_from_take(weights, rig, 2, n_control=100, n_regions=4, progress=False)
+    assert not [w for w in recwarn if "frames a second" in str(w.message)]
+    with pytest.warns(UserWarning, match=r"takes have 30 and 60 frames a second.*resampled\(30\)"):
+        facelab.model_from_take(
+            [weights[0], fast], rig, 2, n_control=100, n_regions=4, progress=False
+        )

@@ -24,6 +24,15 @@ CACHED = 2**18
 """Numbers of frames in memory that are worked on at a time: as many as a processor keeps near."""
 
 
+def check_moves(variances, mean):
+    """Refuse frames whose largest variance is no more than the rounding of their mean."""
+    if not max(v.max(initial=0) for v in variances) > 1e-12 * (mean @ mean):
+        raise ValueError(
+            "X holds still: all its frames are alike, so there is nothing to learn; give frames "
+            "in which the face moves."
+        )
+
+
 def principal_components(X, n_components):
     """Mean, leading principal components and their variances.
 
@@ -243,6 +252,8 @@ def components_of_blocks(
         about = f"training, pass {number}"
         for block in tqdm(blocks(), desc=about, unit="block", leave=False, disable=not progress):
             X = _checked(block, n_features)
+            if not len(X):
+                continue
             if not sets:
                 n_features = X.shape[1]
                 shift = X.mean(

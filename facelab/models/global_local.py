@@ -4,7 +4,7 @@ import numpy as np
 from sklearn.cluster import KMeans
 
 from facelab.checks import as_finite, check_number, check_type
-from facelab.models.components import leading_modes, principal_components, row_blocks
+from facelab.models.components import check_moves, leading_modes, principal_components, row_blocks
 from facelab.models.region import RegionModel
 from facelab.numeric.threads import one_thread
 from facelab.segmentation.regions import Regions
@@ -142,6 +142,7 @@ class GlobalLocalModel(RegionModel):
         with one_thread():
             noise = noise_variance(X)
             mean, variances, modes = _modes(X, self._kept_together(), share, P)
+        check_moves([variances], mean)
         self._found = share, float(np.sqrt(noise))
         return mean, None, [modes], [variances]
 

@@ -80,6 +80,12 @@ def localised_model(X, mesh, n_components, sparsity=2.0, support=SUPPORT, rounds
     -------
     RegionModel
 
+    Raises
+    ------
+    ValueError
+        For values that are not finite, frames that are all alike, more components than frames or
+        coordinates, or a mesh in pieces.
+
     References
     ----------
     Neumann, Varanasi, Wenger, Wacker, Magnor, Theobalt 2013, Sparse localized deformation
@@ -96,12 +102,15 @@ def localised_model(X, mesh, n_components, sparsity=2.0, support=SUPPORT, rounds
     8
     """
     X = as_finite(X, "X", ("n_frames", 3 * mesh.n_vertices))
-    n_components = check_count(n_components, "n_components", 1, None, "components")
+    most = min(X.shape)
+    n_components = check_count(n_components, "n_components", 1, most, "components of these frames")
     check_number(sparsity, "sparsity", low=0)
     mesh.check_connected()
     near, far = support
     outside = (np.clip(mesh.geodesics(), near, far) - near) / (far - near)
     mean, scale = X.mean(axis=0), X.std()
+    if not np.ptp(X, axis=0).any():
+        raise ValueError("X holds still: all its frames are alike; give frames that move.")
     D = (X - mean) / scale
     with one_thread():
         W, C = _placed(D, outside, n_components)

@@ -14,6 +14,7 @@ from facelab.checks import as_finite, check_choice, check_number, refuse_mask
 from facelab.models.bases import RegionBases, columns_of
 from facelab.models.components import (
     LARGEST_EXACT,
+    check_moves,
     components_of_blocks,
     components_of_sets,
     row_blocks,
@@ -33,6 +34,9 @@ ARRAYS = frozenset(
 N_COMPONENTS = 30
 """Modes that each region gets where nothing else is said and the data allow as many."""
 
+_NOTHING = 1e-10
+"""Of the largest variance; what moves less, a thousandth of a millimetre, is no motion."""
+
 _FILL = "leave lost frames out, or fill their gaps"
 
 BETA = 0.5
@@ -48,7 +52,8 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         From `segment_face`; the whole face as one region if left out.
     n_components : int or float, optional
         Modes to keep: an integer is their number, a float between 0 and 1 the share of the
-        variance that they hold. A small region never gets more than it has coordinates. If left
+        variance that they hold. A region never gets more than it has coordinates, or than the rank
+        of its motion (a hundredth of a thousandth of the strongest counts as none). If left
         out, 30 (`N_COMPONENTS`), or as many as there are where frames or coordinates are fewer.
     beta : float, default=0.5
         β: weight of the agreement of shared vertices when coefficients are found (Eq. 6).
@@ -126,8 +131,9 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         Raises
         ------
         ValueError
-            For NaN, too few frames for `n_components`, regions that share no vertex, or a number
-            of columns that is not three for each vertex of the regions.
+            For NaN, too few frames for `n_components`, frames that are all alike, positions in
+            place of displacements, regions that share no vertex, or a number of columns that is
+            not three for each vertex of the regions.
         TypeError
             If `regions` are not `Regions`, `n_components` is neither a number nor a share, or X
             is a sequence in place of its displacements.
@@ -144,7 +150,7 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         if is_dask(X):
             learned = self._learned_of_blocks(X, 4, False, components_of_dask)
             vars(self).pop("feature_names_in_", None)
-            return self.set_bases(*learned)
+            return self._set_learned(*learned)
         frames = check_array(
             X,
             dtype=[np.float64, np.float32],
@@ -155,7 +161,19 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         )
         learned = self._learned(frames)
         validate_data(self, X, skip_check_array=True)  # keeps the names of the columns
-        return self.set_bases(*learned)
+        return self._set_learned(*learned)
+
+    def _set_learned(self, mean, *modes):
+        """`set_bases`, of displacements: positions would leave the face twice its size."""
+        regions = getattr(self, "cut", self.regions)
+        if regions is not None:
+            V = regions.mesh.vertices.ravel()
+            if np.linalg.norm(mean - V) < 0.2 * np.linalg.norm(mean):
+                raise ValueError(
+                    "X holds positions: its mean lies on the mesh of the regions. Models learn "
+                    "displacements from the neutral: motion.displacements()."
+                )
+        return self.set_bases(mean, *modes)
 
     def _learned(self, X):
         """What `set_bases` takes, from frames in memory."""
@@ -168,7 +186,7 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         if not np.isfinite(X).all():
             as_finite(X, "X", X.shape, remedy=_FILL)
         mean, *found = components_of_sets(X, columns, self._most)
-        return mean, members, *_cut(*found, wanted, self.spread)
+        return mean, members, *_cut(mean, *found, wanted, self.spread)
 
     def fit_blocks(self, blocks, passes=2, progress=True):
         """Learn from frames that do not fit into memory.
@@ -199,7 +217,7 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
             blocks if callable(blocks) else lambda: iter(blocks), passes, progress
         )
         vars(self).pop("feature_names_in_", None)  # blocks have none
-        return self.set_bases(*learned)
+        return self._set_learned(*learned)
 
     def _learned_of_blocks(self, blocks, passes, progress, components=components_of_blocks):
         """What `set_bases` takes, from frames in blocks."""
@@ -222,7 +240,7 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
         )
         members, cut = cuts[0]
         wanted = self._wanted(n_frames, cut)
-        return mean, members, *_cut(components, variances, wanted, self.spread)
+        return mean, members, *_cut(mean, components, variances, wanted, self.spread)
 
     @property
     def _is_share(self):
@@ -300,7 +318,7 @@ class RegionModel(TransformerMixin, RegionBases, BaseEstimator):
             other.spread = spread
         other._check_settings()
         wanted = N_COMPONENTS if n_components is None else n_components
-        cut = _cut(self.components_, self.variances_, wanted, other.spread)
+        cut = _cut(self.mean_, self.components_, self.variances_, wanted, other.spread)
         return other.set_bases(self.mean_, self.members_, *cut)
 
     @staticmethod
@@ -521,9 +539,19 @@ def _variances(flat, counts):
     return variances
 
 
-def _cut(components, variances, wanted, spread):
-    """Modes and variances of each region, cut down to what is wanted."""
+def _cut(mean, components, variances, wanted, spread):
+    """Modes and variances of each region, cut down to what is wanted and to what moves.
+
+    Beyond the rank of the motion there are no modes, only directions that rounding chose; a pin
+    would pull along them as readily as along any other.
+    """
+    check_moves(variances, mean)
+    strongest = max(v.max(initial=0) for v in variances)
     counts = _how_many(variances, wanted, spread)
+    counts = [
+        min(n, int((v > _NOTHING * strongest).sum()))
+        for n, v in zip(counts, variances, strict=True)
+    ]
     kept = list(zip(components, variances, counts, strict=True))
     return [B[:n] for B, _, n in kept], [v[:n] for _, v, n in kept]
 

@@ -77,11 +77,27 @@ class Affinity:
             If `motion` is something else, such as an array of positions.
         ValueError
             For a mesh in several pieces or fewer than two valid frames.
+
+        Warns
+        -----
+        UserWarning
+            For frames that are all alike, which say nothing of how the face moves.
         """
         check_type(motion, "motion", MotionSequence, "MotionSequence(positions, fps, mesh)")
         motion.mesh.check_connected()
         check_face_size(motion.mesh.vertices, "motion")
         positions = motion.positions if motion.valid.all() else motion.positions[motion.valid]
+        if len(positions) < 2:
+            raise ValueError(
+                f"motion has {len(positions)} frame(s) that are valid, but correlation needs 2 or "
+                "more; give a longer take."
+            )
+        if all((frame == positions[0]).all() for frame in positions):
+            warnings.warn(
+                f"motion holds still: all its {len(positions)} frames are alike, so the face is "
+                "cut by place alone; give a take in which it moves.",
+                stacklevel=3,
+            )
         mesh = motion.mesh
         G = Distances(mesh) if mesh.n_vertices > LARGE else mesh.geodesics()
         return cls(mesh, _correlation(positions), G, **settings)

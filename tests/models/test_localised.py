@@ -66,6 +66,15 @@ def test_sizes_that_are_none_are_refused(planted):
         localised_model(X[:, :-3], mesh, 2)
 
 
+def test_more_components_than_frames_and_frames_alike_are_refused(planted):
+    mesh, X, _ = planted
+    for n in (61, 10**6):  # a million were begun
+        with pytest.raises(ValueError, match=f"n_components={n}.* 1 to 60"):
+            localised_model(X, mesh, n)
+    with pytest.raises(ValueError, match="X holds still"):
+        localised_model(np.repeat(X[:1], 20, axis=0), mesh, 2)
+
+
 def test_turned_rows_stay_orthonormal_and_span_the_same(rng):
     B = np.linalg.qr(rng.normal(size=(30, 5)))[0].T
     T = varimax(B)

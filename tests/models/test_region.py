@@ -21,6 +21,7 @@ from facelab.models.components import (
     principal_components,
     row_blocks,
 )
+from facelab.models.global_local import GlobalLocalModel
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
 from facelab.models.store import load_model
@@ -548,8 +549,43 @@ def test_a_still_vertex_makes_no_nan(rng):
             model.blending = blending
             rebuilt = model.fit(X).reconstruct(X)
             assert np.isfinite(rebuilt).all()
-    still = RegionModel(regions, 2).fit(np.full_like(X, 3.0))
-    np.testing.assert_allclose(still.reconstruct(X[:2] * 0 + 3), 3.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("blocks", [False, True])
+def test_there_are_no_modes_beyond_the_rank_of_the_motion(rng, blocks):
+    regions = corner_regions()
+    X = rng.normal(size=(40, 3)) @ rng.normal(size=(3, 3 * regions.mesh.n_vertices))
+    still = regions.labels == 2
+    X.reshape(40, -1, 3)[:, still] = 0.0
+
+    def fitted(model, X):
+        return model.fit_blocks([X[:10], X[:0], X[10:]], progress=False) if blocks else model.fit(X)
+
+    for n in (10, 0.9999999, None):
+        model = fitted(RegionModel(regions, n), X)
+        assert model.n_components_.max() == 3  # and not as many as were asked for
+        np.testing.assert_allclose(model.reconstruct(X), X, atol=1e-6)
+    assert fitted(HolisticModel(10), X).n_coefficients == 3
+    # a pin in a region that held still moves nothing: no direction of rounding's choice follows it
+    session = PosingSession(model, regions.mesh)
+    inside = set(regions.members[2].tolist())
+    inner = [v for v in inside if sum(v in m for m in regions.members) == 1]
+    for v in inner:
+        session.pull(v, regions.mesh.vertices[v] + [0, 0, 5])
+    assert np.abs(session.vertices - regions.mesh.vertices).max() < 1e-6
+    with pytest.raises(ValueError, match="X holds still"):
+        fitted(RegionModel(regions, 2), np.repeat(X[:1], 40, axis=0))
+
+
+def test_positions_are_not_taken_for_displacements(rng):
+    mesh, labels = quarters(6, 5)
+    motion = patch_motion(mesh, labels, rng)
+    regions = Regions(labels, mesh)
+    X = motion.positions.reshape(motion.n_frames, -1)
+    for model in (RegionModel(regions, 3), GlobalLocalModel(regions, 3)):
+        with pytest.raises(ValueError, match=r"X holds positions.*motion.displacements\(\)"):
+            model.fit(X)
+        model.fit(motion.displacements())
 
 
 def test_a_sequence_is_refused_with_what_to_pass(rng):

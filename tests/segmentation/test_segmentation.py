@@ -797,3 +797,14 @@ def test_draws_are_runs_of_frames_that_follow_each_other(rng, monkeypatch):
         for run in np.reshape(frames, (4, 10)):
             np.testing.assert_array_equal(np.diff(run), 1)
     assert len({tuple(frames) for frames in drawn}) == 3
+
+
+def test_a_motion_that_holds_still_is_said_and_one_too_short_refused(rng):
+    mesh, labels = quarters()
+    motion = patch_motion(mesh, labels, rng)
+    same = dataclasses.replace(motion, positions=np.repeat(motion.positions[:1], 120, axis=0))
+    with pytest.warns(UserWarning, match="motion holds still: all its 120 frames are alike"):
+        quick(same, n_regions=4)
+    valid = np.arange(120) == 5
+    with pytest.raises(ValueError, match=r"motion has 1 frame\(s\) that are valid"):
+        quick(dataclasses.replace(motion, valid=valid), n_regions=4)
