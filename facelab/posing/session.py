@@ -499,5 +499,11 @@ class PosingSession(PinEdits, Molding):
 
         Weights of a rig are kept within 0 and 1.
         """
-        track = as_numbers(track, "track", f"(n_frames, {self.model.n_coefficients})")
+        wanted = "n_frames", self.model.n_coefficients
+        track = as_numbers(track, "track", f"({wanted[0]}, {wanted[1]})")
+        if track.ndim != 2 or track.shape[1] != wanted[1]:
+            raise ValueError(
+                f"track has shape {track.shape}, but needs shape ({wanted[0]}, {wanted[1]}): give "
+                "one that `encode` made with this model."
+            )
         return self._solver.clipped(track + self.coefficients)

@@ -38,7 +38,7 @@ STIFFNESS = 25.0
 """
 
 
-_ROWS_KEPT = 1000  # of a few kilobytes each
+_BYTES_KEPT = 2**26  # of rows: those of thousands of pins
 
 
 class PoseSolver:
@@ -149,7 +149,7 @@ class PoseSolver:
         """what(vertex), kept for the next time: pins are solved for again and again."""
         key = what.__name__, vertex
         if key not in self._kept:
-            if len(self._kept) >= _ROWS_KEPT:
+            if len(self._kept) * 24 * self.n_coefficients > _BYTES_KEPT:
                 self._kept.clear()
             self._kept[key] = what(vertex)
         return self._kept[key]

@@ -1783,3 +1783,27 @@ def test_labels_of_a_bound_face_are_those_of_the_nearest_control_vertex(bound):
     labels = bound.region_labels
     np.testing.assert_array_equal(labels[bound.binding.samples], bound.regions.labels)
     assert labels.shape == (304,)
+
+
+def test_what_pins_follow_is_found_once_however_many_there_are(rng, monkeypatch):
+    control, dense = grid_mesh(18, 20, 8.0), grid_mesh(35, 39, 4.0)
+    samples = (np.arange(0, 39, 2)[:, None] * 35 + np.arange(0, 35, 2)).ravel()
+    model = HolisticModel(3).fit(rng.normal(size=(9, 3 * control.n_vertices)))
+    session = PosingSession(model, dense, binding=bind_to_samples(dense, samples))
+    vertices = rng.permutation(dense.n_vertices)[:450].tolist()
+    for vertex in vertices:
+        session.hold(vertex)
+    asked, rows = [], HolisticModel.vertex_rows
+    monkeypatch.setattr(
+        HolisticModel, "vertex_rows", lambda self, v: asked.append(v) or rows(self, v)
+    )
+    for vertex in vertices[:20]:
+        session.pull(vertex, dense.vertices[vertex] + [0, 0, 1])
+    assert len(asked) < control.n_vertices  # each of the 450 pins asked anew, 0.1 s a step
+
+
+def test_a_track_of_another_model_is_not_laid_under_a_pose(rng):
+    session = PosingSession(fitted(corner_regions(), rng), corner_regions().mesh)
+    for track in (np.zeros((3, 4)), np.zeros(20), np.zeros((1, 3, 20))):
+        with pytest.raises(ValueError, match=r"track has shape .*needs shape \(n_frames, 20\)"):
+            session.overlay(track)
