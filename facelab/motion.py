@@ -18,6 +18,7 @@ from facelab.checks import (
 from facelab.geometry.alignment import rigid_motion
 from facelab.geometry.mesh import TriangleMesh
 from facelab.numeric.filters import one_euro, zero_phase
+from facelab.numeric.seeds import as_generator
 
 
 def _valid_mask(valid, n_frames):
@@ -171,7 +172,7 @@ class MotionSequence(_Sequence):
         random_state : int, Generator or None
         """
         sigma = check_number(sigma, "sigma", low=0)
-        noise = np.random.default_rng(random_state).normal(scale=sigma, size=self.positions.shape)
+        noise = as_generator(random_state).normal(scale=sigma, size=self.positions.shape)
         return replace(self, positions=self.positions + noise)
 
 
@@ -531,7 +532,7 @@ class MarkerSequence(_Sequence):
         ValueError
             For names that the sequence does not have.
         """
-        names = tuple(names)
+        names = check_names(names)
         unknown = sorted(set(names) - set(self.names))
         if unknown:
             raise ValueError(
@@ -580,7 +581,7 @@ class MarkerSequence(_Sequence):
         """
         share = check_number(share, "share", low=0, high=0.95)
         length = max(1, round(check_number(seconds, "seconds", above=0) * self.fps))
-        rng = np.random.default_rng(random_state)
+        rng = as_generator(random_state)
         hidden = ~self.visible
         wanted = share * hidden.size
         while (lacking := wanted - hidden.sum()) > 0:

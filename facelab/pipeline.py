@@ -14,6 +14,7 @@ from facelab.geometry.mesh import TriangleMesh
 from facelab.models.evaluation import rms_error
 from facelab.models.region import RegionModel
 from facelab.motion import MarkerSequence, MotionSequence, WeightSequence
+from facelab.numeric.seeds import as_generator
 from facelab.posing.session import PosingSession
 from facelab.registration.fit import MarkerFit, fit_markers
 from facelab.registration.rest import rest_markers
@@ -189,7 +190,7 @@ def model_from_take(
         samples, control = np.arange(neutral.n_vertices), neutral
     motions = [source.motion(i, samples, control) for i in range(len(takes))]
     if noise:
-        rng = np.random.default_rng(random_state)
+        rng = as_generator(random_state)
         motions = [motion.with_noise(noise, rng) for motion in motions]
     rates = sorted({motion.fps for motion in motions})
     if len(rates) > 1:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facelab.checks import as_finite
+from facelab.checks import as_finite, as_numbers
 
 _UNITS = {
     1000.0: "metres",
@@ -129,7 +129,7 @@ def _thickness(points, weights):
 
 
 def _check_points(points, name, shape):
-    points = np.asarray(points, dtype=float)
+    points = as_numbers(points, name, str(shape), "mark points not seen with NaN")
     if points.ndim != len(shape) or any(
         isinstance(n, int) and n != m for n, m in zip(shape, points.shape, strict=False)
     ):

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from facelab.checks import as_finite, check_number
+from facelab.checks import as_finite, check_number, check_type
 from facelab.geometry.closest import closest_points
 from facelab.geometry.mesh import TriangleMesh, vertex_normals
 from facelab.numeric.sparse import SparseFactor
@@ -95,6 +95,11 @@ def bind_to_samples(mesh, samples, tolerance=1e-3, motion=None, trust=10.0):
     4375
     """
     trust = check_number(trust, "trust", above=0)
+    check_type(mesh, "mesh", TriangleMesh, "give the dense face")
+    if motion is not None and not hasattr(motion, "displacements"):
+        raise TypeError(
+            f"motion is a {type(motion).__name__}; give a MotionSequence of the dense face."
+        )
     if motion is not None and motion.mesh.n_vertices != mesh.n_vertices:
         raise ValueError(
             f"motion has {motion.mesh.n_vertices} vertices, but the mesh {mesh.n_vertices}; give "

@@ -7,10 +7,10 @@ import mmap
 
 import numpy as np
 from scipy.linalg import eigh
-from sklearn.utils import check_random_state
 from tqdm.auto import tqdm
 
 from facelab.checks import as_finite
+from facelab.numeric.seeds import as_random_state
 from facelab.numeric.threads import one_thread
 
 LARGEST_EXACT = 1500
@@ -244,7 +244,7 @@ def components_of_blocks(
     ----------
     Halko, Martinsson and Tropp 2011, section 4.5; Chan, Golub and LeVeque 1983.
     """
-    rng = check_random_state(random_state)
+    rng = as_random_state(random_state)
     sets, seen, number, n_passes = [], [], 0, 1
     while number < n_passes:
         number += 1

@@ -1,11 +1,11 @@
 """Principal components of frames in a Dask array, which no single machine need hold."""
 
 import numpy as np
-from sklearn.utils import check_random_state
 
 from facelab.checks import as_finite
 from facelab.models.components import as_sets
 from facelab.numeric.engine import block_sums
+from facelab.numeric.seeds import as_random_state
 
 
 def components_of_dask(X, columns, n_components, random_state=0, passes=4, progress=True):
@@ -50,7 +50,7 @@ def components_of_dask(X, columns, n_components, random_state=0, passes=4, progr
     if X.ndim != 2:
         raise ValueError(f"X has {X.ndim} axes, but needs shape (n_frames, n_features).")
     n_features = X.shape[1]
-    rng = check_random_state(random_state)
+    rng = as_random_state(random_state)
     sets = as_sets(columns(n_features), n_components, passes, rng)
     # counted from a place near the mean, little is lost when that is taken off
     n_first, first = block_sums(X.blocks[0], _sums, np.zeros(n_features), [], 1)

@@ -4,13 +4,17 @@ Tena et al. 2011, section 5. Errors are kept frame by frame, so that they can be
 frames and drawn again by the bootstrap.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from sklearn.decomposition import MiniBatchSparsePCA
 
-from facelab.checks import as_finite, check_number
+from facelab.checks import as_finite, as_floats, as_numbers, check_count, check_number, check_type
+from facelab.face_model import FaceModel
+from facelab.models.components import check_moves
 from facelab.models.region import RegionModel
+from facelab.numeric.seeds import as_generator
 
 
 def rms_error(X, X_hat):
@@ -49,7 +53,10 @@ def frame_errors(X, X_hat):
 
     The inner sum of Tena et al., Eq. 13; the parameters are those of `rms_error`.
     """
-    X, X_hat = np.asarray(X, dtype=float), np.asarray(X_hat, dtype=float)
+    X, X_hat = (
+        as_numbers(x, name, "(n_frames, 3 * n_vertices)")
+        for x, name in ((X, "X"), (X_hat, "X_hat"))
+    )
     if X.shape != X_hat.shape:
         raise ValueError(f"X has shape {X.shape}, X_hat {X_hat.shape}; they must agree.")
     if X.size == 0 or X.ndim == 0 or X.shape[-1] % 3:
@@ -92,7 +99,7 @@ class ErrorCurve:
 
         Frames of one take are alike, so whole takes are drawn, not frames.
         """
-        rng = np.random.default_rng(random_state)
+        rng = as_generator(random_state)
         _, take = np.unique(self.takes, return_inverse=True)
         count = np.bincount(take)
         sums = np.stack([np.bincount(take, s) for s in self.squares], axis=1)  # (n_takes, n_models)
@@ -131,12 +138,19 @@ def error_curves(models, X, targets=None, takes=None):
     -------
     dict of str to ErrorCurve
     """
+    if isinstance(models, FaceModel) or not isinstance(models, Iterable):
+        raise TypeError(f"models is a {type(models).__name__}; give a list of fitted models.")
     targets = {"frames": X} if targets is None else targets
+    check_type(targets, "targets", dict, 'give truths by name: {"clean": X}')
+    X = as_floats(X, "X", "(n_frames, 3 * n_vertices)")
+    if X.ndim != 2:
+        raise ValueError(f"X has shape {X.shape}, but needs shape (n_frames, 3 * n_vertices).")
     takes = np.arange(len(X)) if takes is None else np.asarray(takes)
     if takes.shape != (len(X),):
         raise ValueError(f"takes has shape {takes.shape}, but X has {len(X)} frames.")
     components, parameters, squares = [], [], {name: [] for name in targets}
     for model in models:
+        check_type(model, "a model", FaceModel, "give fitted models")
         X_hat = model.reconstruct(X)
         components.append(int(model.n_components_.max()))
         parameters.append(model.n_coefficients)
@@ -204,6 +218,9 @@ def sparse_model(X, n_components, alpha=1.0, random_state=0):
     RegionModel
     """
     X = as_finite(X, "X", ("n_frames", "3 * n_vertices"))
+    n_components = check_count(n_components, "n_components", 1, min(X.shape), "components")
+    alpha = check_number(alpha, "alpha", low=0)
+    check_moves([X.var(axis=0)], X.mean(axis=0))
     found = MiniBatchSparsePCA(
         n_components, alpha=alpha, max_iter=30, batch_size=32, random_state=random_state
     ).fit(X / X.std())

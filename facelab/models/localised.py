@@ -7,7 +7,8 @@ learns sparse localised components.
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from facelab.checks import as_finite, check_count, check_number
+from facelab.checks import as_finite, check_count, check_number, check_type
+from facelab.geometry.mesh import TriangleMesh
 from facelab.models.region import RegionModel
 from facelab.numeric.threads import one_thread
 
@@ -101,12 +102,16 @@ def localised_model(X, mesh, n_components, sparsity=2.0, support=SUPPORT, rounds
     >>> model.n_coefficients
     8
     """
+    check_type(mesh, "mesh", TriangleMesh, "give the mesh that moves")
     X = as_finite(X, "X", ("n_frames", 3 * mesh.n_vertices))
     most = min(X.shape)
     n_components = check_count(n_components, "n_components", 1, most, "components of these frames")
     check_number(sparsity, "sparsity", low=0)
     mesh.check_connected()
-    near, far = support
+    rounds = check_count(rounds, "rounds", 0, None, "rounds")
+    near, far = as_finite(support, "support", (2,))
+    if not 0 <= near < far:
+        raise ValueError(f"support={support!r}, but its distances must ascend from 0 or more, mm.")
     outside = (np.clip(mesh.geodesics(), near, far) - near) / (far - near)
     mean, scale = X.mean(axis=0), X.std()
     if not np.ptp(X, axis=0).any():

@@ -1,5 +1,6 @@
 """Poses in time: clips, and what is between two poses."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -96,6 +97,14 @@ class Clip:
     @classmethod
     def of(cls, keys, easing="smooth"):
         """A clip of (seconds, `PoseState`) pairs in any order; all of one model."""
+        keys = list(keys) if isinstance(keys, Iterable) else [keys]
+        for i, key in enumerate(keys):
+            pair = isinstance(key, (tuple, list)) and len(key) == 2
+            if not pair or not isinstance(key[1], PoseState):
+                raise TypeError(
+                    f"keys[{i}] is no pair of seconds and a PoseState; give (0.5, session.state)."
+                )
+            check_number(key[0], f"seconds of keys[{i}]", low=0)
         keys = sorted(keys, key=lambda key: key[0])
         if len({id(state.model) for _, state in keys}) > 1:
             raise ValueError("keys are poses of several models; a clip needs one.")

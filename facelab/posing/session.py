@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from facelab.checks import as_finite, as_numbers, check_choice
+from facelab.checks import as_finite, as_numbers, check_choice, check_type
 from facelab.models.region import BETA
 from facelab.numeric.undo import History, edit, has_history
 from facelab.posing.drag import Drag, moving_with, targets
@@ -172,6 +172,7 @@ class PosingSession(PinEdits, Molding):
 
     def vertices_in(self, state):
         """The shown face in a `PoseState`, of any model: (n_vertices, 3), millimetres."""
+        check_type(state, "state", PoseState, "give one, such as session.state")
         return self._face.vertices(state, state.coefficients)
 
     @property

@@ -395,7 +395,7 @@ def fit_scan(template, scan, landmarks=None, preset="balanced"):
     check_template(template)
     check_scan(scan)
     preset = PRESETS[check_choice(preset, "preset", tuple(PRESETS))]
-    chosen = tuple(scan.landmarks) if landmarks is None else tuple(landmarks)
+    chosen = tuple(scan.landmarks) if landmarks is None else check_names(landmarks)
     unknown = [n for n in chosen if n not in scan.landmarks]
     if unknown:
         raise ValueError(f"landmarks names {', '.join(unknown)}, which the scan does not have.")

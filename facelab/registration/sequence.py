@@ -17,6 +17,7 @@ from tqdm.auto import tqdm
 
 from facelab.checks import check_choice, check_count, check_number, check_type
 from facelab.geometry.alignment import HeadMotion, rigid_motion
+from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MarkerSequence, MotionSequence
 from facelab.numeric.quantiles import nan_quantile
 from facelab.registration.confidence import expected_error
@@ -266,6 +267,7 @@ class Registration:
         if mesh is None:
             neutral = self.fit.mesh
         else:
+            check_type(mesh, "mesh", TriangleMesh, "subsample gives it with its vertices")
             vertices = _picked(vertices, "vertices", self.fit.mesh.n_vertices)
             neutral = mesh.with_vertices(self.fit.mesh.vertices[vertices])
         made = self.positions(None, vertices, out=out, progress=progress)

@@ -11,7 +11,8 @@ from scipy.sparse.linalg import eigsh
 from sklearn.cluster import KMeans
 from sklearn.metrics.cluster import contingency_matrix
 
-from facelab.checks import check_choice, check_count
+from facelab.checks import check_choice, check_count, check_type
+from facelab.geometry.mesh import TriangleMesh
 
 LARGE = 1500  # vertices beyond which Lanczos beats a full decomposition
 
@@ -206,6 +207,7 @@ def compactness(labels, mesh):
 
 
 def as_labels(labels, mesh):
+    check_type(mesh, "mesh", TriangleMesh, "give the one that the labels are of")
     labels = np.asarray(labels)
     if labels.shape != (mesh.n_vertices,) or labels.dtype.kind not in "iu":
         raise ValueError(

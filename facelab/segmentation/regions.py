@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from facelab.checks import as_indices, check_choice, check_count
+from facelab.checks import as_indices, check_choice, check_count, check_type
 from facelab.geometry.mesh import TriangleMesh
 from facelab.segmentation.clusters import as_labels
 
@@ -147,6 +147,7 @@ class Regions:
         ValueError
             If there is not one sample for each vertex of these regions.
         """
+        check_type(mesh, "mesh", TriangleMesh, "give the dense mesh")
         if len(np.atleast_1d(samples)) != self.mesh.n_vertices:
             raise ValueError(
                 f"samples names {len(np.atleast_1d(samples))} vertices, but these regions lie on "

@@ -11,13 +11,13 @@ from functools import cached_property
 
 import numpy as np
 from sklearn.metrics import adjusted_rand_score
-from sklearn.utils import check_random_state
 from tqdm.auto import tqdm
 
 from facelab.checks import check_choice, check_count, check_number, check_type
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size
 from facelab.motion import MotionSequence
+from facelab.numeric.seeds import as_random_state
 from facelab.numeric.threads import one_thread
 from facelab.segmentation.clusters import (
     LARGE,
@@ -174,7 +174,7 @@ class Affinity:
         max_regions = min(check_count(max_regions, "max_regions", 1, None, "clusters"), n)
         n_init = check_count(n_init, "n_init", 1, None, "runs of k-means")
         check_choice(reading, "reading", ("pieces", "triangles"))
-        seed = int(check_random_state(random_state).randint(2**31 - 1))
+        seed = int(as_random_state(random_state).randint(2**31 - 1))
         best, tried = np.zeros(n, dtype=int), []
         # matrices as small as the paper's lose time on several threads
         with (
@@ -310,7 +310,7 @@ def stability(
     """
     check_choice(over, "over", ("frames", "seeds"))
     n_draws = check_count(n_draws, "n_draws", 1, None, "draws")
-    rng = check_random_state(random_state)
+    rng = as_random_state(random_state)
     whole = Affinity.of(motion, **settings)
     frames = np.flatnonzero(motion.valid)
     length = max(1, round(check_number(block, "block", above=0) * motion.fps))
