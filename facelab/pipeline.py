@@ -246,9 +246,13 @@ class _Motions:
         for i, take in enumerate(takes):
             same = np.array_equal(take.mesh.faces, self.neutral.faces)
             if not same or not np.array_equal(take.mesh.vertices, self.neutral.vertices):
+                how = f"{take.mesh} and {self.neutral}"
+                if same:
+                    off = np.linalg.norm(take.mesh.vertices - self.neutral.vertices, axis=1).max()
+                    how = f"their neutrals are up to {off:.3g} mm apart"
                 raise ValueError(
-                    f"takes[{i}] moves another mesh ({take.mesh}) than takes[0] ({self.neutral}); "
-                    "give takes of one face, all with the same neutral."
+                    f"takes[{i}] moves another mesh than takes[0]: {how}. Give takes of one face, "
+                    "all registered with the same fit (of the command line: --rest)."
                 )
 
     def motion(self, i, samples, control):

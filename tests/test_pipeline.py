@@ -139,7 +139,12 @@ def test_markers_become_a_face_registered_cut_trained_and_bound(capture):
         ("weights", False, TypeError, "face is a NoneType.*BlendshapeRig that they drive"),
         ("motion", True, TypeError, "a motion brings its own mesh"),
         ("markers", True, TypeError, "face is a BlendshapeRig.*template with landmarks"),
-        ("two meshes", False, ValueError, r"takes\[1\] moves another mesh"),
+        (
+            "two meshes",
+            False,
+            ValueError,
+            r"takes\[1\] moves another mesh than takes.0.: their neutrals are up to .* mm apart",
+        ),
     ],
 )
 def test_takes_and_faces_that_do_not_go_together_are_refused(
