@@ -125,11 +125,11 @@ class _Scene:
                 continue
             n = int(last or first) - int(first) + 1
             values = numbers.split()
-            pairs = np.full((n, 2), np.nan)
+            pairs = None
             if not _STRANGE.search(numbers) and len(values) == 2 * n and int(first) == len(times):
                 with contextlib.suppress(ValueError):
                     pairs = np.array(values, dtype=float).reshape(-1, 2)
-            if not np.isfinite(pairs).all():
+            if pairs is None or not np.isfinite(pairs).all():
                 raise ValueError(
                     f"{self.path}: damaged: the keys {first} to {last or first} of the curve "
                     f"{name} are not {2 * n} numbers that follow the {len(times)} before; save it "
