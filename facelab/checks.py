@@ -169,8 +169,8 @@ def check_count(value, name, low, high, what):
     return int(value)
 
 
-def as_indices(values, name, size, what):
-    """Distinct indices of `what` as an int array, refused if one is outside 0 to size - 1."""
+def as_indices(values, name, size, what, distinct=True):
+    """Indices of `what`, each once, as an int array; refused if one is outside 0 to size - 1."""
     array = np.atleast_1d(np.asarray(values))
     array = array.astype(int) if array.size == 0 else array
     if array.ndim != 1 or array.dtype.kind not in "iu":
@@ -185,7 +185,7 @@ def as_indices(values, name, size, what):
             f"0 to {size - 1}."
         )
     once, count = np.unique(array, return_counts=True)
-    if (count > 1).any():
+    if distinct and (count > 1).any():
         twice = ", ".join(map(str, once[count > 1][:6].tolist()))
         raise ValueError(f"{name} holds {twice} more than once; give each index once.")
     return array.astype(int)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from tqdm.auto import tqdm
 
-from facelab.checks import check_choice, check_count, check_number, check_type
+from facelab.checks import as_indices, check_choice, check_count, check_number, check_type
 from facelab.geometry.alignment import HeadMotion, rigid_motion
 from facelab.geometry.mesh import TriangleMesh
 from facelab.motion import MarkerSequence, MotionSequence
@@ -275,25 +275,13 @@ class Registration:
 
 
 def _picked(chosen, name, size):
-    """A slice, or indices of some of `size` things, refused if one is outside."""
+    """A slice, or indices of some of `size` things, from either, a mask or None for all."""
     if chosen is None or isinstance(chosen, slice):
         return slice(None) if chosen is None else chosen
     array = np.asarray(chosen)
-    array = array.astype(int) if array.size == 0 else array
-    if array.ndim == 1 and array.dtype == bool and len(array) == size:
-        array = np.flatnonzero(array)
-    if array.ndim != 1 or array.dtype.kind not in "iu":
-        raise TypeError(
-            f"{name} has shape {array.shape} and type {array.dtype}; give a slice, a list of "
-            f"integers, or a mask of {size}."
-        )
-    out = array[(array < 0) | (array >= size)]
-    if out.size:
-        raise ValueError(
-            f"{name} holds {', '.join(map(str, out[:6].tolist()))}, but there are {size}: 0 to "
-            f"{size - 1}."
-        )
-    return array
+    if array.dtype == bool and array.shape == (size,):
+        return np.flatnonzero(array)
+    return as_indices(array, name, size, name, distinct=False)
 
 
 def _check_rest(take):
