@@ -16,7 +16,7 @@ from facelab.files.words import damaged, listed
 _BLOCK = 2**20  # numbers kept together
 _BLANK = " \t,;"  # a line of these alone holds nothing
 _NOTHING = ("", "nan", "null")
-_PLAIN = re.compile(r"[-+0-9.eE \t]*")  # cells in which float() finds but numbers as all write them
+_PLAIN = re.compile(r"[-+0-9.eE \t\n]*")  # here float() finds but numbers as all write them
 
 
 class Lines:
@@ -62,7 +62,8 @@ class Lines:
 def cells(line, delimiter):
     """Cells of a line of a header, without quotes and blanks around them."""
     try:
-        row = next(csv.reader([line], delimiter=delimiter), [])
+        line = line if delimiter == "\t" else line.replace("\t", " ")
+        row = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     except csv.Error:  # a cell of more than 128 kB
         row = line.split(delimiter)
     return [cell.strip() for cell in row]
@@ -216,10 +217,10 @@ def _check_rest(path, table, number, text):
 
 def _numbers(path, table, number, cells):
     """Numbers of the cells of a row, NaN for empty ones."""
-    plain = "\t".join(cells).replace(",", ".")
+    plain = "\n".join(cells).replace(",", ".")  # cells hold no end of a line
     if _PLAIN.fullmatch(plain):  # quick, for rows as programs write them
         try:
-            values = [float(cell) if cell else math.nan for cell in plain.split("\t")]
+            values = [float(cell) if cell else math.nan for cell in plain.split("\n")]
             if not any(map(math.isinf, values)):
                 return values
         except ValueError:

@@ -33,6 +33,14 @@ def check(take, P, fps, names=NAMES):
     np.testing.assert_allclose(take.positions, P, atol=2e-5)  # float32 near 200 mm
 
 
+@pytest.mark.parametrize("gap", [", ", ",\t", "\t,", " ,\t "])
+def test_blanks_and_tabs_beside_commas_are_none_of_the_cells(tmp_path, P, gap):
+    head, rows = plain(P, NAMES).split("\n", 1)
+    check(read(tmp_path, head + "\n" + rows.replace(",", gap)), P, 100)
+    quoted = motive(P, NAMES).replace(",", gap)  # quotes, too, come after the blanks
+    check(read(tmp_path, quoted), P, 120)
+
+
 # --- what each program writes ---------------------------------------------------------------------
 
 
