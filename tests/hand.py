@@ -11,6 +11,7 @@ from facelab.widgets.hand import Hand
 _presses = itertools.count()
 _answers = {}  # of each view's last press: {view: (press, answer, ahead, target)}
 _pulls = {}  # press: offset
+_told = {}  # press: what each message of it says
 
 
 def _answer(hand, press, pull, vertex, target, ahead):
@@ -24,7 +25,8 @@ def press(view, vertex):
     """Take hold of a vertex, in the page."""
     name = f"press {next(_presses)}"
     _pulls[name] = np.zeros(3)
-    view._hear({"do": "press", "press": name, "vertex": vertex})
+    _told[name] = {"press": name, "vertex": vertex}
+    view._hear({**_told[name], "do": "press"})
     return name
 
 
@@ -33,7 +35,7 @@ def move(view, offset):
     name = view._grip.press
     if name is not None:
         _pulls[name] = np.array(offset, dtype=float)
-        view._hear({"do": "move", "press": name, "offset": list(offset)})
+        view._hear({**_told[name], "do": "move", "offset": list(offset)})
 
 
 def let_go(view, offset=None):
@@ -41,7 +43,8 @@ def let_go(view, offset=None):
     name = view._grip.press
     if name is not None and offset is None and _pulls[name].any():
         offset = _pulls[name].tolist()
-    view._hear({"do": "release", "press": name, "offset": offset})
+    if name is not None:
+        view._hear({**_told[name], "do": "release", "offset": offset})
 
 
 def hover(view, vertex):

@@ -4,22 +4,63 @@ A solve with 390 unknowns takes 0.8 ms on one thread of a machine with two, 8 ms
 """
 
 import os
+import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ContextDecorator
 
 import scipy.linalg  # noqa: F401  loads its BLAS: only what is loaded is found
 import sklearn.utils  # noqa: F401  loads its OpenMP
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import OpenBLASController, ThreadpoolController
 
-_threads = ThreadpoolController()  # to look for the libraries anew takes 2 ms each time
+_libraries = ThreadpoolController()  # to look for them anew takes 2 ms each time
+_blas, _openmp = (_libraries.select(user_api=name) for name in ("blas", "openmp"))
+
+
+class _OneThread(ContextDecorator):
+    """What `one_thread` gives: any number of threads may be within, one inside another too.
+
+    BLAS has one limit for all of them, set by the first that comes and lifted by the last that
+    goes: were each to restore what it found, threads that overlap would leave the limit behind.
+    OpenMP has one for each thread.
+    """
+
+    def __init__(self):
+        self._lock, self._inside, self._before = threading.Lock(), 0, None
+        self._own = threading.local()
+
+    def __enter__(self):
+        own = vars(self._own)
+        own["depth"] = own.get("depth", 0) + 1
+        if own["depth"] == 1:
+            own["openmp"] = _openmp.limit(limits=1)
+            with self._lock:
+                if not self._inside:
+                    self._before = _blas.limit(limits=1)
+                self._inside += 1
+        return self
+
+    def __exit__(self, *_):
+        own = vars(self._own)
+        own["depth"] -= 1
+        if not own["depth"]:
+            own["openmp"].restore_original_limits()
+            with self._lock:
+                self._inside -= 1
+                if not self._inside:
+                    # threadpoolctl lets no thread lift what another has set
+                    OpenBLASController.clear_controlling_thread(force=True)
+                    self._before.restore_original_limits()
+                    OpenBLASController.clear_controlling_thread(force=True)
+
+
+single_threaded = _OneThread()
+"""Decorator for a function that works within `one_thread`."""
 
 
 def one_thread():
     """Context in which BLAS and OpenMP work on one thread."""
-    return _threads.limit(limits=1)
+    return single_threaded
 
-
-single_threaded = _threads.wrap(limits=1)
-"""Decorator for a function that works within `one_thread`."""
 
 _MOST = 4
 """Threads at most: each has its own part of the work in memory."""

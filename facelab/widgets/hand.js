@@ -121,6 +121,12 @@ function hush(scene) {
   });
 }
 
+// The kernel hears by several threads, so messages may come in another order than they went: each
+// says which vertex is held, and how pulls before it have ended that were not dealt with by then.
+const about = ({ press, vertex, before }) => ({ press, vertex, before });
+const end = ({ press, vertex, moved, offset }) =>
+  ({ do: "release", press, vertex, offset: moved ? offset : null });
+
 class Hand {
   constructor(model, el, parts) {
     Object.assign(this, parts, { model, el });
@@ -133,6 +139,7 @@ class Hand {
     this.chosen = null; // the pin that Tab has come to
     this.rested = performance.now();
     this.listening = new AbortController();
+    hush(this.view.scene);
     this.stage.facelab = this; // for who wants to look in from outside
     this.#build();
     this.#listen();
@@ -382,11 +389,12 @@ class Hand {
 
   begin(vertex, along) {
     const press = crypto.randomUUID?.() ?? String(Math.random());
-    hush(this.view.scene);
-    this.drag = { press, vertex, offset: [0, 0, 0], moved: false };
+    hush(this.view.scene); // what has come since
+    const before = [...this.let.values()].filter(({ foreign }) => !foreign).map(end);
+    this.drag = { press, vertex, before, offset: [0, 0, 0], moved: false };
     this.drag.rail = along && this.railOf(vertex);
     this.lastPin = vertex;
-    this.tell.now({ do: "press", press, vertex });
+    this.tell.now({ do: "press", ...about(this.drag) });
     this.redraw();
   }
 
@@ -425,7 +433,7 @@ class Hand {
     drag.moved ||= Math.hypot(...offset) >= STILL || Boolean(this.stepping);
     if (!drag.moved) return;
     drag.offset = offset;
-    this.tell.soon({ do: "move", press: drag.press, offset });
+    this.tell.soon({ do: "move", ...about(drag), offset });
     this.draw();
   }
 
@@ -441,9 +449,8 @@ class Hand {
   }
 
   letGo() {
-    const { press, moved, offset } = this.drag;
-    this.tell.now({ do: "release", press, offset: moved ? offset : null });
-    this.let.set(press, this.drag);
+    this.tell.now({ ...about(this.drag), ...end(this.drag) });
+    this.let.set(this.drag.press, this.drag);
     this.drag = null;
     this.redraw();
   }

@@ -7,6 +7,7 @@ origin: that is where the camera's controls look until a message tells them othe
 one that is sent before the page is there never arrives.
 """
 
+from collections import deque
 from types import SimpleNamespace
 
 import ipywidgets as widgets
@@ -19,6 +20,7 @@ from facelab.checks import check_choice
 from facelab.geometry.mesh import normals_operator, vertex_normals_by
 from facelab.looks import Lining, face_props
 from facelab.looks.light import FILL, KEY, RIM, STRENGTHS
+from facelab.numeric.undo import in_turn
 from facelab.plotting import SKIN
 from facelab.widgets.hand import Hand, packed_riders
 from facelab.widgets.props import PropMeshes
@@ -28,6 +30,7 @@ from facelab.widgets.thumbnail import Thumbnails
 _GHOST = "#2f6fd0"
 _TARGET = (1.0, 0.85, 0.0)
 _FOV = 18.0  # degrees: a long lens, so that a face looks as from across a table
+_OVER = 20  # pulls that have ended, of which something may still arrive
 _MARKER, _MARKER_SIZE = "#12406b", 3.0  # mm, as wide as those that actors wear
 
 
@@ -97,7 +100,8 @@ class FaceView:
         self._props.follow(self._V)  # teeth are in the dark of the mouth from the start
         if linked_to is None:
             self._build_camera(width / height)
-            self._grip = SimpleNamespace(press=None, hand=None)  # what holds any linked view
+            # what holds any linked view
+            self._grip = SimpleNamespace(press=None, hand=None, over=deque(maxlen=_OVER))
         else:
             self._share_camera(linked_to)
         self._head = three.Group(  # all that is told in the head frame
@@ -298,36 +302,47 @@ class FaceView:
         with self._hand.hold_sync():
             self._hand.names, self._hand.name_of = table, code.tobytes()
 
+    @in_turn
     def _hear(self, message):
-        """The mouse has done something in the page."""
+        """The mouse has done something in the page.
+
+        A kernel hears by several threads, so what a page has sent may come in another order.
+        """
         do, press = message["do"], message.get("press")
         if do == "hover":
             if self.on_hover is not None:
                 self.on_hover(message["vertex"])
-        elif do == "press":
-            if self.dragging:
-                self._let_go(self._grip.press, None)
+            return
+        for release in message.get("before", ()):
+            self._hear(release)
+        if press in self._grip.over:
+            return
+        if press != self._grip.press:
+            self._let_go(None)
             self._grip.press, self._grip.hand = press, self._hand
             if self.on_press is not None:
                 self.on_press(message["vertex"])
-        elif press == self._grip.press and do == "move":
+        if do == "move":
             self._moved(message["offset"])
         elif do == "release":
-            self._let_go(press, message["offset"])
+            self._let_go(message["offset"])
 
     def _moved(self, offset):
-        if offset is not None and self.on_move is not None:
+        if self.dragging and offset is not None and self.on_move is not None:
             self.on_move(np.array(offset, dtype=float))
 
-    def _let_go(self, press, offset):
-        if not self.dragging or press != self._grip.press:
-            return
+    def _let_go(self, offset):
         self._moved(offset)
-        if self.dragging:  # not if the move has failed
-            self._grip.press = None
+        if self.dragging:  # not if press or move have failed
+            press = self._end()
             if self.on_release is not None:
                 self.on_release()
             self._grip.hand.settled = press
+
+    def _end(self):
+        press, self._grip.press = self._grip.press, None
+        self._grip.over.append(press)
+        return press
 
     def begin_pull(self, answer, vertex, target, ahead=(0.0, 0.0, 0.0)):
         """Tell the page how the face on screen follows the mouse, from the press on.
@@ -354,7 +369,7 @@ class FaceView:
     def end_drag(self):
         """Forget a drag under way, as after an error in it: the page shows what it was sent."""
         if self.dragging:
-            self._grip.hand.settled, self._grip.press = self._grip.press, None
+            self._grip.hand.settled = self._end()
 
     # --- what is shown ----------------------------------------------------------------------------
 

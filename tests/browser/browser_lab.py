@@ -51,16 +51,20 @@ class _Echo(_InTouch):
     _esm = _script() + '''export default { initialize({ model }) {
       stayInTouch({ model });
       const drawn = () => new Promise(requestAnimationFrame);
-      model.on("msg:custom", async ({ call, draw }) => {
+      model.on("msg:custom", async ({ call, draw, again }) => {
         if (draw) await drawn().then(drawn);
-        model.send({ call });
-        window.called = call;
+        model.send({ call, again });
+        if (again) window.called = call;
       });
     } };'''
     heard = 0
 
     def answer(self, _, message, __):
-        self.heard = max(self.heard, message["call"])
+        call, again = message["call"], message.get("again")
+        if again:
+            self.heard = max(self.heard, call)
+        else:
+            self.send({"call": call, "again": True})
 
 _echo = _Echo()
 _echo.on_msg(_echo.answer)
@@ -294,9 +298,11 @@ class Lab:
     def settle(self):
         """Wait until the page and the kernel have heard each other out, and the page is drawn.
 
-        A call that comes back means that each has heard all that the other sent before it. But a
-        widget of the page keeps changes back until the kernel has dealt with its last one: those
-        are heard by the second call. What the kernel answers to them is drawn by the third.
+        A call that comes back means that each has heard all that the other sent before it. It goes
+        there and back twice: the kernel hears what answers a cell in one thread, and what answers
+        the page's own messages in another. But a widget of the page keeps changes back until the
+        kernel has dealt with its last one: those are heard by the second call. What the kernel
+        answers to them is drawn by the third.
         """
         for draw in (False, False, True):
             self._wait(lambda d=draw: self._called(d), PATIENCE, "the page does not answer")

@@ -73,10 +73,11 @@ class Puller:
         pose = np.array(self.lab.run("", v=f"{shown}.tolist()")["v"])
         return np.reshape(self.lab.page.evaluate(DRAWN, canvas), (-1, 3)), pose
 
-    def pull(self, kind, seconds, delay, look=False):
+    def pull(self, kind, seconds, delay, look=False, busy=0.0):
         """A pull that takes so long with the wire so slow.
 
-        With `look`, what the page draws is held against the kernel before it is let go.
+        With `look`, what the page draws is held against the kernel before it is let go. A cell is
+        `busy` so many seconds from the press on.
 
         Returns
         -------
@@ -94,6 +95,8 @@ class Puller:
         self.lab.settle()
         page.evaluate("sent.length = late.length = 0")
         self.wire.delay = delay
+        if busy:
+            self.lab.client.execute(f"__import__('time').sleep({busy})", silent=True)
         mouse.down()
         began, steps = time.monotonic(), max(1, round(seconds / 0.06))
         for k in range(1, steps + 1):
@@ -128,8 +131,8 @@ def puller(server):
         wire.close()
 
 
-def check(puller, kind, seconds, delay, slow):
-    _, pose, late, sent = puller.pull(kind, seconds, delay)
+def check(puller, kind, seconds, delay, slow, **kwargs):
+    _, pose, late, sent = puller.pull(kind, seconds, delay, **kwargs)
     assert np.abs(slow - pose).max() < 0.01, f"{seconds} s at {delay} s one way"
     within = [np.count_nonzero((sent >= t) & (sent < t + 1000)) for t in sent]
     assert max(within) <= 10, "more than 10 messages a second"
@@ -143,6 +146,12 @@ def test_a_flick_over_any_wire_ends_where_a_slow_pull_ends(puller, kind):
     assert np.abs(slow - rest).max() > 3
     for delay in (0.0, 0.2):
         check(puller, kind, QUICK, delay, slow)
+
+
+def test_a_flick_while_a_cell_runs_is_not_lost(puller):
+    _, slow, _, _ = puller.pull("region", 0.6, 0.0)
+    for delay in (0.0, 0.2):
+        check(puller, "region", QUICK, delay, slow, busy=2.0)
 
 
 @pytest.mark.long

@@ -1,11 +1,47 @@
-"""Work side by side: in order, and no more of it than is wanted."""
+"""BLAS on one thread, and work side by side: in order, and no more of it than is wanted."""
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import pytest
+from threadpoolctl import ThreadpoolController
 
-from facelab.numeric.threads import side_by_side
+from facelab.numeric.threads import one_thread, side_by_side
+
+BLAS = ThreadpoolController().select(user_api="blas")
+
+
+def n_threads():
+    """That BLAS works on: set of int."""
+    return {library["num_threads"] for library in BLAS.info()}
+
+
+@pytest.fixture
+def two_threads():
+    """BLAS on two threads, whatever the machine or the environment says."""
+    before = BLAS.limit(limits=2)
+    with one_thread():
+        pass  # the limit above is nobody's now
+    yield
+    before.restore_original_limits()
+    with one_thread():
+        pass
+
+
+@pytest.mark.parametrize("first_out", [0, 1])
+def test_threads_that_overlap_leave_no_limit_behind(two_threads, first_out):
+    with ThreadPoolExecutor(1) as first, ThreadPoolExecutor(1) as second:
+        hands, within = (first, second), []
+        for hand in hands:
+            within.append(hand.submit(lambda: one_thread().__enter__()).result(5))
+            assert n_threads() == {1}
+        for k in (first_out, 1 - first_out):
+            hands[k].submit(within[k].__exit__, None, None, None).result(5)
+        assert n_threads() == {2}
+    with one_thread():
+        assert n_threads() == {1}
+    assert n_threads() == {2}
 
 
 def test_results_come_in_the_order_of_the_items_whichever_is_done_first():

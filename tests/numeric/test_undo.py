@@ -4,6 +4,7 @@ import operator
 import threading
 
 import pytest
+from threadpoolctl import ThreadpoolController
 
 from facelab.numeric.undo import History, edit, edit_named, has_history
 
@@ -229,3 +230,16 @@ def test_a_second_thread_waits_for_the_step_under_way():
         counter.history.make(2)
     other.join(5)
     assert counter.history.n_undo == 1 and counter.history.state == 2
+
+
+def test_an_edit_and_who_watches_it_compute_on_one_thread():
+    counter, seen = Counter(), []
+    libraries = ThreadpoolController().select(user_api="blas")
+
+    def watch(_):
+        seen.extend(library["num_threads"] for library in libraries.info())
+
+    counter.history.observe(watch)
+    with libraries.limit(limits=2):
+        counter.add(2)
+    assert seen and set(seen) == {1}

@@ -1,6 +1,7 @@
 """The views without a browser: traits are set as the page would, buffers are read back."""
 
 import io
+import itertools
 from datetime import datetime
 
 import matplotlib.image
@@ -149,6 +150,40 @@ def test_what_belongs_to_another_press_is_not_heard(lab):
     assert lab.view.dragging and list(lab.session.pins) == [90]
     let_go(lab.view, [1.0, 0, 0])
     assert list(lab.session.pins) == [90]
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(["press", "move", "release"])))
+def test_a_pull_ends_where_it_was_let_go_in_whatever_order_its_messages_come(lab, order):
+    at = lab.session.neutral.vertices[17]
+    told = {
+        "press": {},
+        "move": {"offset": [1.0, 1, 1]},
+        "release": {"offset": [1.25, 3.0, 2.0]},
+    }
+    for do in order:
+        lab.view._hear({"do": do, "press": "p", "vertex": 17, **told[do]})
+    assert not lab.view.dragging and not lab.session.dragging
+    assert lab.session.n_undo == 1 and lab.view._hand.settled == "p"
+    np.testing.assert_allclose(lab.session.pins[17], at + [1.25, 3.0, 2.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(range(4))))
+def test_two_pulls_both_count_in_whatever_order_their_messages_come(lab, order):
+    rest = lab.session.neutral.vertices
+    first, second = ({"press": name, "vertex": v} for name, v in (("a", 17), ("b", 90)))
+    let_go_first = {"do": "release", "offset": [1.0, 2.0, 3.0], **first}
+    messages = (
+        {"do": "press", **first},
+        let_go_first,
+        {"do": "press", "before": [let_go_first], **second},
+        {"do": "release", "before": [let_go_first], "offset": [0.0, -1.0, 0.0], **second},
+    )
+    for k in order:
+        lab.view._hear(messages[k])
+    assert not lab.view.dragging and lab.session.n_undo == 2
+    pins = lab.session.pins
+    assert set(pins) == {17, 90}
+    np.testing.assert_allclose(pins[17], rest[17] + [1.0, 2.0, 3.0], atol=1e-12)
 
 
 def test_the_page_is_told_when_a_press_has_been_dealt_with(lab):
