@@ -33,8 +33,7 @@ help:
 	@echo "make lab        set up all, open the lab in JupyterLab"
 	@echo "make app        only the posing lab, as a page of its own"
 	@echo "make test       set up all, run every test: unit, notebooks, the lab in a real browser"
-	@echo "make test-all   what takes long beside it: other settings, no data or network"
-	@echo "make test-wire  every length of pull over slow wires, a quarter of an hour"
+	@echo "make test-all   what takes long beside it: other settings, slow wires, no data or network"
 	@echo "make env        only the environment, in .venv"
 	@echo "make data       only the data (real faces are downloaded once, synthetic ones made)"
 	@echo "make notebooks  run every notebook in place and store its outputs"
@@ -115,7 +114,7 @@ test-browser: env data browser
 	wait $$first && exit $$second
 
 # What takes long, part by part.
-test-all: test-long test-bare
+test-all: test-long test-wire test-bare
 	@echo "facelab: make test-all passed"
 
 test-long: env data browser
@@ -139,8 +138,7 @@ test-bare: env browser
 	$(BARE) $(NBVAL) $(BARE_NOTEBOOKS) && \
 	$(BARE) $(BROWSER) -k "$(BARE_LABS)"
 
-# Pulls of four lengths over three wires, in every way of posing. Not in test-all: now and then the first pull
-# after those over the slowest wire is drawn 2.9 mm from the kernel's pose, and why is not known.
+# Pulls of four lengths over three wires, in every way of posing; BLAS on as many threads as users have.
 test-wire: env data browser
 	$(BIN)/python -m pytest tests/browser -m long
 
