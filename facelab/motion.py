@@ -19,6 +19,7 @@ from facelab.geometry.alignment import rigid_motion
 from facelab.geometry.mesh import TriangleMesh
 from facelab.numeric.filters import one_euro, zero_phase
 from facelab.numeric.seeds import as_generator
+from facelab.numeric.threads import single_threaded
 
 
 def _valid_mask(valid, n_frames):
@@ -134,6 +135,7 @@ class MotionSequence(_Sequence):
             raise TypeError("give a slice or an array of frames; positions[i] is a single frame.")
         return replace(self, positions=self.positions[frames], valid=self.valid[frames])
 
+    @single_threaded  # a cut may hang on the last bit, which is another on several threads
     def aligned(self):
         """The same motion with each frame laid onto the neutral by whole-face Procrustes.
 

@@ -21,6 +21,18 @@ def style(name):
     return (_HERE / f"{name}.css").read_text(encoding="utf-8")
 
 
+def keep_free(widget):
+    """Have a widget, and all that is in it, answer the page while a cell runs, too.
+
+    ipykernel 7.4 hands what a page says to the thread that spoke to it last, so to that of a cell:
+    it would wait until that has run. JupyterLab names a thread that is always free.
+    """
+    if hasattr(widget.comm, "_reply_subshell_for"):
+        widget.comm._reply_subshell_for = lambda _, named: named
+    for inside in getattr(widget, "children", ()):
+        keep_free(inside)
+
+
 class InTouch(anywidget.AnyWidget):
     """A widget whose script, made by `script`, has `initialize: stayInTouch`."""
 
@@ -29,3 +41,4 @@ class InTouch(anywidget.AnyWidget):
     def __init__(self, **kwargs):
         own_id = uuid.uuid4().hex  # known to the page from the first
         super().__init__(model_id=own_id, own_id=own_id, **kwargs)
+        keep_free(self)

@@ -16,6 +16,7 @@ from IPython.display import HTML, display
 from markupsafe import Markup
 
 from facelab.numeric.undo import in_turn
+from facelab.widgets.in_touch import keep_free
 from facelab.widgets.thumbnail import captioned
 
 ASLEEP = "not running. Press Run (Shift and Enter)."
@@ -103,6 +104,7 @@ class Page:
             picture = captioned(self.picture(), *words)
             display(HTML(style + markup(html, STILL, " ".join(words), picture)))
         self.widget.add_class(_LIVE)
+        keep_free(self.widget)
         display(self._repr_mimebundle_(), raw=True)
 
     def _settings_in_words(self):

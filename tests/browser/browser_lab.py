@@ -306,6 +306,7 @@ class Lab:
         """
         for draw in (False, False, True):
             self._wait(lambda d=draw: self._called(d), PATIENCE, "the page does not answer")
+        self.run("pass")  # comes after all that waited beside the last call
 
     def _called(self, draw):
         """Call the page, once; a page that is still loading may not get to know its first echo.

@@ -73,11 +73,10 @@ class Puller:
         pose = np.array(self.lab.run("", v=f"{shown}.tolist()")["v"])
         return np.reshape(self.lab.page.evaluate(DRAWN, canvas), (-1, 3)), pose
 
-    def pull(self, kind, seconds, delay, look=False, busy=0.0):
-        """A pull that takes so long with the wire so slow.
+    def pull(self, kind, seconds, delay, look=False, cell=None):
+        """A pull that takes so long with the wire so slow, and while a cell runs if one is given.
 
-        With `look`, what the page draws is held against the kernel before it is let go. A cell is
-        `busy` so many seconds from the press on.
+        With `look`, what the page draws is held against the kernel before it is let go.
 
         Returns
         -------
@@ -95,8 +94,8 @@ class Puller:
         self.lab.settle()
         page.evaluate("sent.length = late.length = 0")
         self.wire.delay = delay
-        if busy:
-            self.lab.client.execute(f"__import__('time').sleep({busy})", silent=True)
+        if cell:
+            self.lab.client.execute(cell, silent=True)
         mouse.down()
         began, steps = time.monotonic(), max(1, round(seconds / 0.06))
         for k in range(1, steps + 1):
@@ -148,10 +147,26 @@ def test_a_flick_over_any_wire_ends_where_a_slow_pull_ends(puller, kind):
         check(puller, kind, QUICK, delay, slow)
 
 
-def test_a_flick_while_a_cell_runs_is_not_lost(puller):
+UNTIL_A_STEP = """
+import time
+state, end = session.state, time.monotonic() + 30
+while session.state is state and time.monotonic() < end:
+    time.sleep(0.05)
+meanwhile = session.state is not state
+"""
+
+
+def test_flicks_and_buttons_are_answered_while_a_cell_runs(puller):
+    lab = puller.lab
     _, slow, _, _ = puller.pull("region", 0.6, 0.0)
     for delay in (0.0, 0.2):
-        check(puller, "region", QUICK, delay, slow, busy=2.0)
+        check(puller, "region", QUICK, delay, slow, cell=UNTIL_A_STEP)
+        assert lab.run("", done="meanwhile")["done"]
+    while_it_speaks = "while session.undo(): pass\nsession.redo()\n"  # to the button, of can_undo
+    lab.client.execute(while_it_speaks + UNTIL_A_STEP, silent=True)
+    lab.page.get_by_role("button", name="Undo").first.click()
+    lab.settle()
+    assert lab.run("", done="meanwhile")["done"]
 
 
 @pytest.mark.long
