@@ -20,7 +20,7 @@ from facelab.posing.sculpt import Sculpt
 from facelab.posing.session import PosingSession
 from facelab.widgets.expression_parts import AlphaCurve, UnitBars
 from facelab.widgets.lab import WIDTH, Lab, button, row
-from facelab.widgets.page import path_in, quiet, shows_errors, uploaded, written
+from facelab.widgets.page import markup, path_in, quiet, shows_errors, uploaded, written
 from facelab.widgets.parts import Sliders
 from facelab.widgets.pins import PinPanel
 from facelab.widgets.step_words import expression_step
@@ -188,13 +188,13 @@ class ExpressionLab(Lab):
         above = [self.source, self.frame, row(self.undo, self.redo, self.best, self.free)]
         fit = self.lam, self.bounds, self.criterion, self.clamp, self.align
         out = "Saved beside the notebook: .csv, .livelink.csv, .json or .obj"
+        out = widgets.HTML(markup('<div class="facelab-status">{}</div>', out))
         panels = {
             "Units": [self.sorted, self.bars],
             "Pins": [self.pins.widget],
             "Fit": fit,
             "View": [self.other, self.difference, self._key],
-            "Files": [row(self.upload, self.unit), widgets.Label(out)]
-            + [row(self.file, self.save), self._result],
+            "Files": [row(self.upload, self.unit), out] + [row(self.file, self.save), self._result],
         }
         panels = {name: SimpleNamespace(widget=widgets.VBox([*p])) for name, p in panels.items()}
         reactions = {
@@ -567,10 +567,12 @@ class ExpressionLab(Lab):
 
     @shows_errors
     def _save(self, _):
+        self._result.value = ""
         path = path_in(self.folder, self.file.value)
+        again = path.exists()
         left_out = self.session.save(path)
         self.clear()
-        self._result.value = written(path, left_out)
+        self._result.value = written(path, left_out, again)
 
 
 def _nice(value):

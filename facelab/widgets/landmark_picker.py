@@ -199,9 +199,11 @@ class LandmarkPicker(Page):
 
     @shows_errors
     def _save(self, _):
+        self._result.value = ""
         path = path_in(self.folder, self.name.value, ".ljson")
+        again = path.exists()
         write_landmarks(path, self.mesh.vertices, self.mesh.landmarks)
-        self._result.value = written(path)
+        self._result.value = written(path, again=again)
 
     # --- what is shown ----------------------------------------------------------------------------
 

@@ -170,8 +170,8 @@ def path_in(folder, name, ending=""):
     return Path(folder) / (name if name.endswith(ending) else name + ending)
 
 
-def written(path, note=""):
-    """What was written and where, with a link to download it."""
+def written(path, note="", again=False):
+    """What was written and where, and whether again, with a link to download it."""
     size = path.stat().st_size
     link = ""
     if size <= _LINKED_BYTES:
@@ -179,5 +179,6 @@ def written(path, note=""):
             ' <a download="{}" href="data:application/octet-stream;base64,{}"><u>Download</u></a>',
             *(path.name, base64.b64encode(path.read_bytes()).decode()),
         )
-    text = '<div class="facelab-status" role="status">Wrote <b>{}</b>, {:,.0f} kB. {}{}</div>'
-    return markup(text, str(path), size / 1e3, note, link)
+    over = " again, over the one before" if again else ""
+    text = '<div class="facelab-status" role="status">Wrote <b>{}</b>{}, {:,.0f} kB. {}{}</div>'
+    return markup(text, str(path), over, size / 1e3, note, link)

@@ -393,9 +393,14 @@ def test_results_are_saved_where_the_folder_is_and_what_is_lost_is_said(lab, tmp
     lab.file.value = "arkit.livelink.csv"
     lab.save.click()
     assert "AU35" in lab._result.value and lab._message.value == ""
+    assert "again" not in lab._result.value
+    lab.save.click()
+    assert "again, over the one before" in lab._result.value
     lab.file.value = "nowhere/pose.json"
     lab.save.click()
     assert "leads out of the folder" in lab._message.value and not (tmp_path / "nowhere").exists()
+    assert lab._result.value == "", "what was written before is not what failed now"
+    assert "facelab-status" in lab.tabs.children[-2].children[1].value, "text that wraps"
 
 
 def test_an_error_in_a_drag_is_shown_and_all_stays_as_it_was(lab, monkeypatch):
