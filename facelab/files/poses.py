@@ -13,7 +13,7 @@ from facelab.posing.clips import Clip, check_clip
 from facelab.posing.fingerprint import differs, fingerprint
 from facelab.posing.log import check_log
 from facelab.posing.session import PosingSession
-from facelab.posing.state import state_from_dict, state_to_dict
+from facelab.posing.state import PoseState, state_from_dict, state_to_dict
 from facelab.posing.stored import check_entries, entry
 from facelab.storage import atomic_path, check_writable, existing_file
 
@@ -94,10 +94,11 @@ def save_library(path, poses, session):
     path : str or Path
         Ending in .json.
     poses : dict of str to PoseState
-        Of any models of the session's face.
+        Of any models of the session's face; what `read_library` gave as a dict is kept as it is.
     session : PosingSession
     """
-    stored = [{"name": str(name), "state": state_to_dict(s)} for name, s in poses.items()]
+    stored = {n: s if isinstance(s, dict) else state_to_dict(s) for n, s in poses.items()}
+    stored = [{"name": str(name), "state": state} for name, state in stored.items()]
     _write(path, "library", session, {"poses": stored})
 
 
@@ -124,23 +125,36 @@ def load_library(path, session, models=()):
     FileNotFoundError, ValueError
         For a missing, damaged or newer file, or one of another face.
     """
-    poses, others = {}, []
+    found = read_library(path, session, models)
+    poses = {name: state for name, state in found.items() if isinstance(state, PoseState)}
+    return poses, [name for name in found if name not in poses]
+
+
+def read_library(path, session, models=()):
+    """All that a library file holds, in its order, to be written again with what is added.
+
+    Arguments and errors as of `load_library`.
+
+    Returns
+    -------
+    poses : dict of str to PoseState or dict
+        A dict, as it is stored, where the model of the pose is not at hand.
+    """
+    found = {}
+    given = models.values() if isinstance(models, dict) else models
+    known = [fingerprint(model) for model in dict.fromkeys((*session.models, *given))]
     with _read(path, "library", session) as stored:
         for item in entry(stored, "poses", list):
             name = entry(item, "name", str)
             check_entries(item, ("name", "state"))
-            if name in poses or name in others:
+            if name in found:
                 raise ValueError(f"pose {name!r} is there twice")
-            made_by = entry(entry(item, "state", dict), "model", dict)
-            given = models.values() if isinstance(models, dict) else models
-            known = [fingerprint(model) for model in dict.fromkeys((*session.models, *given))]
-            if all(differs(made_by, own) for own in known):
-                others.append(name)
-                continue
-            state = state_from_dict(item["state"], session, models)
-            session.check_state(state)
-            poses[name] = state
-    return poses, others
+            found[name] = entry(item, "state", dict)
+            made_by = entry(found[name], "model", dict)
+            if not all(differs(made_by, own) for own in known):
+                found[name] = state_from_dict(found[name], session, models)
+                session.check_state(found[name])
+    return found
 
 
 def _write(path, kind, session, content):

@@ -1,15 +1,28 @@
 """Time in the posing lab: a clip of key poses, and recorded takes with the pose on top."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import ipywidgets as widgets
 import numpy as np
 
 from facelab.posing.clips import Clip
+from facelab.posing.session import PosingSession
 from facelab.widgets.lab import WIDTH, Panel, button, row
-from facelab.widgets.page import quiet, shows_errors
+from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.parts import ItemList, Track
+from facelab.widgets.put_back import PutBack
 
 _FPS = 25  # no more frames than this are sent to the page
 _KEYS = "key poses"
+_ON_KEYS = (
+    "A frame of the clip is on screen, your pose is not: 'Key here' takes the frame, and 'Back to "
+    "the pose' shows the pose again."
+)
+_ON_TAKE = (
+    "The model plays the take, and the pose is added to every frame: drag the face to edit all of "
+    "it."
+)
 OTHER_MODEL = "the key poses are of another model; choose that model first."
 
 
@@ -37,7 +50,7 @@ class ClipPanel(Panel):
         self._link = widgets.jslink((self.play, "value"), (self.slider, "value"))
         self._time = widgets.Label(layout={"width": "52px"})
         self.track = Track(self._on_track)
-        self.key = button("Key here", "Make the pose a key at this moment", self._press)
+        self.key = button("Key here", "Make the pose on screen a key at this moment", self._press)
         self.length = widgets.BoundedFloatText(
             3, min=0.2, max=600, step=0.5, description="seconds", layout={"width": "38%"}
         )
@@ -47,8 +60,9 @@ class ClipPanel(Panel):
         empty = "Pose the face, then press 'Key here'."
         self.keys = ItemList("choice", self._react, empty, label="Key poses")
         self.keys.layout.max_height = "110px"
+        self.back = PutBack(self._put_back)
         self._key_box = widgets.VBox(
-            [self.track, row(self.key, self.length, self.easing), self.keys]
+            [self.track, row(self.key, self.length, self.easing), self.keys, self.back.widget]
         )
         self.pose_it = button(
             "Pose this frame", "Make the frame on the slider the pose", self._press
@@ -67,7 +81,7 @@ class ClipPanel(Panel):
         )
         self.slider.observe(self._scrub, names="value")
         self.source.observe(self._choose, names="value")
-        self.length.observe(self._choose, names="value")
+        self.length.observe(self._set_length, names="value")
         self.easing.observe(self._ease, names="value")
 
     @property
@@ -85,10 +99,13 @@ class ClipPanel(Panel):
         self.clip, self.model = clip, self.session.model if model is None else model
         if clip is not None:
             with quiet(self):
-                self.length.value = max(self.length.value, float(clip.times[-1]))
+                self.length.max = max(self.length.max, clip.duration)
+                self.length.value = max(self.length.value, clip.duration)
                 self.easing.value = clip.easing
         self._fit()
         self.refresh()
+        if self.lab.frame is not None and self.source.value == _KEYS:
+            self._leave() if clip is None else self.lab.show()
 
     def refresh(self):
         """Show the keys, and what a take that is on means."""
@@ -102,14 +119,8 @@ class ClipPanel(Panel):
         self.track.times, self.track.length = list(map(float, times)), self.length.value
         self.track.now = self.seconds
         self._key_box.layout.display = "flex" if self.source.value == _KEYS else "none"
-        self._about.value = (
-            ""
-            if self.source.value == _KEYS
-            else (
-                '<div class="facelab-status">The model plays the take, and the pose is '
-                "added to every frame: drag the face to edit all of it.</div>"
-            )
-        )
+        about = _ON_TAKE if self.source.value != _KEYS else _ON_KEYS if self.lab.frame else ""
+        self._about.value = markup('<div class="facelab-status">{}</div>', about)
         self._time.value = f"{self.seconds:.2f} s"
 
     def toggle(self):
@@ -121,6 +132,28 @@ class ClipPanel(Panel):
         if not self.over_pose:
             self._pose_frame()
 
+    def on_screen(self):
+        """A session in the pose on screen: the lab's, or for a frame that is shown one of its own.
+
+        Raises
+        ------
+        ValueError
+            If the frame is no pose that the model can have.
+        """
+        own = self.session
+        if self.lab.frame is None:
+            return own
+        shown = PosingSession(
+            own.model,
+            own.neutral,
+            binding=own.binding,
+            shared_pins=own.shared_pins,
+            partners=own.partners,
+        )
+        shown.restore(own.state)
+        shown.apply(self._coefficients(), self.gaze)
+        return shown
+
     # --- callbacks --------------------------------------------------------------------------------
 
     def _fit(self):
@@ -129,7 +162,7 @@ class ClipPanel(Panel):
         if self.source.value != _KEYS:
             last = (len(self._track()) - 1) / self._take_fps()
         with quiet(self):
-            self.play.max = self.slider.max = max(int(last * _FPS), 1)
+            self.play.max = self.slider.max = max(int(np.ceil(last * _FPS - 1e-6)), 1)
 
     def _track(self):
         """Coefficients of the take in the session's model, found once for each model."""
@@ -181,8 +214,9 @@ class ClipPanel(Panel):
             return
         self._coefficients()  # what is wrong is said before anything is shown
         self.frame = lambda: self.session.vertices_of(self._coefficients())
-        self.refresh()
         self.lab.show_frame(self.frame)
+        self.refresh()
+        self.lab.strip.refresh()
 
     def _leave(self):
         self.play.playing = False
@@ -195,6 +229,19 @@ class ClipPanel(Panel):
             self._leave()
             self._fit()
             self.refresh()
+
+    @shows_errors
+    def _set_length(self, change):
+        last = 0 if self.clip is None else self.clip.duration
+        if not self.settling and change["new"] < last:
+            with quiet(self):
+                self.length.value = last
+            self._choose(None)
+            raise ValueError(
+                f"the last key is at {last:.2f} s, and the clip is no shorter than that; move or "
+                "remove the key first."
+            )
+        self._choose(None)
 
     @shows_errors
     def _ease(self, change):
@@ -216,7 +263,7 @@ class ClipPanel(Panel):
             self._leave()
 
     def _add_key(self):
-        state = self.session.state
+        state = self.on_screen().state
         if self.clip is None:
             clip = Clip.of([(self.seconds, state)])
         elif self.model is not state.model:
@@ -242,5 +289,25 @@ class ClipPanel(Panel):
         if do == "choose":
             self.slider.value = round(float(self.clip.times[i]) * _FPS)
         else:
-            left = len(self.clip.times) - 1
-            self.set_clip(self.clip.without_key(i) if left else None, self.model)
+            clip = self.clip
+            of_key = ("times", "poses", "names", "gaze")
+            gone = replace(clip, **{name: getattr(clip, name)[i : i + 1] for name in of_key})
+            self.set_clip(clip.without_key(i) if len(clip.times) > 1 else None, self.model)
+            self.back.offer(f"the key at {gone.duration:.2f} s", (gone, self.model))
+
+    @shows_errors
+    def _put_back(self):
+        gone, model = self.back.gone
+        if self.clip is None:
+            clip = gone
+        elif self.model is not model:
+            raise ValueError(OTHER_MODEL)
+        elif (np.abs(self.clip.times - gone.duration) < 0.5 / _FPS).any():
+            raise ValueError(
+                f"there is another key at {gone.duration:.2f} s now; drag that elsewhere first."
+            )
+        else:
+            key = SimpleNamespace(coefficients=gone.poses[0], gaze=gone.gaze[0])
+            clip = self.clip.with_key(gone.duration, key, gone.names[0])
+        self.set_clip(clip, model)
+        self.back.forget()

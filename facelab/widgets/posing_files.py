@@ -89,12 +89,14 @@ class FilePanel(Panel):
 
     @shows_errors
     def _press(self, button):
+        self._result.value = ""
         session, clip = self.session, self.lab.clip
-        posed = session.neutral.with_vertices(session.vertices)
+        shown = clip.on_screen()
+        posed = session.neutral.with_vertices(shown.vertices)
         props = self.lab.props if self.with_props.value else ()
-        turned = turn_eyes(props, session.state.gaze)
+        turned = turn_eyes(props, shown.state.gaze)
         write = {
-            self.save: (".json", lambda path: save_pose(path, session)),
+            self.save: (".json", lambda path: save_pose(path, shown)),
             self.obj: (".obj", lambda path: write_obj(path, posed)),
             self.ply: (".ply", lambda path: write_ply(path, posed)),
             self.glb: (".glb", lambda path: write_glb(path, posed, props=turned)),
@@ -103,19 +105,20 @@ class FilePanel(Panel):
                 ".clip.glb",
                 lambda path: write_clip_glb(path, self._clip(), session, props),
             ),
-            self.live_link: (".livelink.csv", lambda path: self._weights(path, clip=False)),
+            self.live_link: (".livelink.csv", lambda path: self._weights(path, shown)),
             self.clip_live_link: (
                 ".clip.livelink.csv",
-                lambda path: self._weights(path, clip=True),
+                lambda path: self._weights(path),
             ),
         }
         if button in write:
             ending, do = write[button]
             path = self._path(ending)
+            again = path.exists()
             with warnings.catch_warnings(record=True) as said:
                 warnings.simplefilter("always")
                 do(path)
-            self._result.value = written(path, " ".join(str(w.message) for w in said))
+            self._result.value = written(path, " ".join(str(w.message) for w in said), again)
             self._list_files()
         elif button is self.load:
             path = self._path(".json")
@@ -126,12 +129,12 @@ class FilePanel(Panel):
             clip.set_clip(load_clip(path, session))
             self._result.value = markup("Loaded <b>{}</b>: see the tab Time.", path.name)
 
-    def _weights(self, path, clip):
-        """Write the weights of the pose, or of the clip, as Live Link Face records them."""
+    def _weights(self, path, shown=None):
+        """Write the weights of the clip, or of what is shown, as Live Link Face records them."""
         session = self.session
         if not session.model.named:
             raise ValueError("only a rig has weights; choose the rig among the models above first.")
-        weights = self._clip().sample(_FPS)[1] if clip else session.coefficients[None]
+        weights = shown.coefficients[None] if shown else self._clip().sample(_FPS)[1]
         write_live_link_csv(path, WeightSequence(weights, session.model.names, _FPS))
 
     def _clip(self):

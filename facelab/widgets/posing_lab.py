@@ -289,10 +289,8 @@ class PosingLab(Lab):
             self.beside.value = chosen if chosen in others else _NOTHING
             self._arrange()
         self.undo.disabled, self.redo.disabled = not session.can_undo, not session.can_redo
-        self.pose.refresh()
-        self.shape.refresh()
-        self.clip.refresh()
-        self.steps.refresh()
+        for panel in (self.pose, self.shape, self.clip, self.strip, self.steps):
+            panel.refresh()
         self._answers = self._compute_answers()
         self.show()
         self._color()

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import ipywidgets as widgets
 
-from facelab.files.poses import load_library, save_library
+from facelab.files.poses import read_library, save_library
 from facelab.posing.clips import interpolate, interpolate_gaze
 from facelab.posing.fingerprint import fingerprint
+from facelab.posing.state import PoseState
 from facelab.widgets.lab import WIDTH, Panel, button, row
 from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.parts import ItemList
+from facelab.widgets.put_back import PutBack
 
 ENDING = ".library.json"
 _STEP = 0.01
@@ -26,18 +28,20 @@ class StripPanel(Panel):
 
     Attributes
     ----------
-    poses : dict of str to PoseState
-        By name, in the order of the strip.
     path : Path
-        The file, one for each face; written when the library is changed by hand.
+        The file, one for each face, written when the library is changed by hand. It is read again
+        before that: what other labs added, and poses of models that are not at hand, stay in it.
     """
 
     def _build(self):
-        self.poses, self._pictures, self._others = {}, {}, []
+        self._items, self._pictures = {}, {}  # all of the file; by pose
+        self._chosen = self._unread = None
         faces = fingerprint(self.lab.mesh)["sizes"][-1]
         self.path = Path(self.lab.folder) / f"face-{faces[:6]}{ENDING}"
         self.strip = ItemList("strip", self._react, label="Pose library")
+        self.back = PutBack(self._put_back)
         self.name = widgets.Text(placeholder="name of the pose", layout={"width": "46%"})
+        self.name.on_msg(lambda _, message, __: message.get("event") == "submit" and self._keep())
         self.keep = button("Add", "Add the pose on screen under this name", lambda _: self._keep())
         self.rename = button("Rename", "Give the chosen pose this name", lambda _: self._rename())
         self.a, self.b = (
@@ -52,78 +56,104 @@ class StripPanel(Panel):
         self.widget = widgets.VBox(
             [
                 row(self.name, self.keep, self.rename),
-                self.strip,
+                *(self.strip, self.back.widget),
                 row(self.a, self.b),
                 *(self.share, self._about),
             ]
         )
         self.share.observe(self._blend, names="value")
-        self._put("neutral", self.session.state)
-        self._bring_back()
-        self._draw()
+        self._show(self._read() or {"neutral": self.session.state})
 
-    def _bring_back(self):
-        """The library of the file, if there is one; one that cannot be read is left alone."""
-        if not self.path.exists():
-            self._tell("Kept in {} once you add a pose.", self.path.name)
-            return
-        try:
-            poses, self._others = load_library(self.path, self.session, self.lab.models)
-        except (ValueError, OSError) as error:
-            self.path = self.path.with_name("new-" + self.path.name)
-            self._tell("Not read: {} What you add is kept in {}.", error, self.path.name)
-            return
-        self.poses, self._pictures = {}, {}
-        for name, state in poses.items():
-            self._put(name, state)
-        left_out = f" {len(self._others)} of another model are not shown." if self._others else ""
-        self._tell("Kept in {}.{}", self.path.name, left_out)
+    @property
+    def poses(self):
+        """Poses of the models at hand, by name, in the order of the strip: dict to PoseState."""
+        return _at_hand(self._items)
 
-    def _tell(self, template, *texts):
-        self._about.value = markup(f'<div class="facelab-status">{template}</div>', *texts)
+    def _read(self, name=None):
+        """The library as it is now, and `name` must be in it.
 
-    def _put(self, name, state):
-        V = self.session.vertices_in(state)
-        self.poses[name] = state
-        picture = self.lab.thumbnails.png(V, state.gaze)
-        self._pictures[name] = base64.b64encode(picture).decode()
+        A file that cannot be read is left alone, and another one takes its place.
+        """
+        items, kept = self._items, {}
+        while self.path.exists():
+            try:
+                found = read_library(self.path, self.session, self.lab.models)
+            except (ValueError, OSError) as error:
+                self._unread, kept = error, self._items
+                self.path = self.path.with_name("new-" + self.path.name)
+                continue
+            items = {**{k: self._known(k, pose) for k, pose in found.items()}, **kept}
+            break
+        if name is not None and name not in items:
+            self._show(items)
+            raise ValueError(f"{name} is in the library no more: it was taken out elsewhere.")
+        return items
 
-    def add(self, name=""):
-        """Add the pose on screen to the library; one of the same name is replaced."""
-        self._put(name or self._free_name(), self.session.state)
-        self._changed()
+    def _known(self, name, pose):
+        """The pose that is there already, if it is the same: it has its picture."""
+        before = self.poses.get(name)
+        same = before is not None and isinstance(pose, PoseState) and before.same(pose)
+        return before if same else pose
 
-    def _free_name(self):
-        return next(
-            f"pose {k}" for k in range(1, len(self.poses) + 2) if f"pose {k}" not in self.poses
-        )
+    def _write(self, items):
+        """Write the library, then show it as it is now."""
+        if not self.path.exists():  # a folder that cannot be written to has a library all the same
+            self._show(items)
+        save_library(self.path, items, self.session)
+        self._show(items)
 
-    def _changed(self):
-        """Show the library, and write it."""
-        self._draw()
-        if self._others:
-            self.path = self.path.with_name("new-" + self.path.name)
-            self._others = []
-        save_library(self.path, self.poses, self.session)
-        self._tell("Kept in {}.", self.path.name)
-
-    def _draw(self):
+    def _show(self, items):
+        self._items, poses = items, _at_hand(items)
+        self._pictures = {
+            pose: self._pictures.get(pose) or self._picture(pose) for pose in poses.values()
+        }
         self.strip.items = [
-            {"id": name, "name": name, "tip": name, "picture": picture, "buttons": _BUTTONS}
-            for name, picture in self._pictures.items()
+            *(
+                {"id": k, "name": k, "tip": k, "picture": self._pictures[s], "buttons": _BUTTONS}
+                for k, s in poses.items()
+            )
         ]
         self.refresh()
         with quiet(self):
             for choice in (self.a, self.b):
                 before = choice.value
-                choice.options = list(self.poses)
-                choice.value = before if before in self.poses else next(iter(self.poses), None)
+                choice.options = list(poses)
+                choice.value = before if before in poses else next(iter(poses), None)
+        self._tell(len(items) - len(poses))
+
+    def _picture(self, pose):
+        V = self.session.vertices_in(pose)
+        return base64.b64encode(self.lab.thumbnails.png(V, pose.gaze)).decode()
+
+    def _tell(self, n_others):
+        unread = "" if self._unread is None else f"Not read: {self._unread} "
+        once = "" if self.path.exists() else " once you add a pose"
+        left_out = f" {n_others} of another model are in it, too." if n_others else ""
+        text = f"{unread}Kept in {self.path.name}{once}.{left_out}"
+        self._about.value = markup('<div class="facelab-status">{}</div>', text)
+
+    def add(self, name=""):
+        """Add the pose on screen to the library; one of the same name is replaced."""
+        seen, items = self.poses, self._read()
+        name = name or _free_name(items)
+        if name in items and name not in seen:
+            self._show(items)
+            raise ValueError(
+                f"{name} is in the library already, added elsewhere or with another model; write "
+                "another name."
+            )
+        items = {**items, name: self.lab.clip.on_screen().state}
+        self._chosen = name
+        self._write(items)
 
     def refresh(self):
-        """Mark the pose of the library that is on screen."""
-        now = self.session.state
-        here = [i for i, state in enumerate(self.poses.values()) if state is now]
-        self.strip.chosen = here[0] if here else -1
+        """Mark the pose of the library that is on screen; of several alike, the one clicked on."""
+        now, names = self.session.state, list(self.poses)
+        here = [name for name, pose in self.poses.items() if pose.same(now)]
+        if self.lab.frame is not None and not self.lab.clip.over_pose:
+            here = []
+        name = self._chosen if self._chosen in here else next(iter(here), None)
+        self.strip.chosen = names.index(name) if here else -1
 
     @shows_errors
     def _keep(self):
@@ -135,32 +165,47 @@ class StripPanel(Panel):
         name, chosen = self.name.value.strip(), self.strip.chosen
         if chosen < 0:
             raise ValueError("no pose is chosen; click on the one to rename first.")
-        if not name or name in self.poses:
-            raise ValueError("the name is empty or taken; write another one first.")
         old = list(self.poses)[chosen]
-        for kept in (self.poses, self._pictures):
-            items = [(name if k == old else k, v) for k, v in kept.items()]
-            kept.clear()
-            kept.update(items)
+        items = self._read(old)
+        if not name or name in items:
+            raise ValueError("the name is empty or taken; write another one first.")
+        self._chosen = name
+        self._write({name if k == old else k: pose for k, pose in items.items()})
         self.name.value = ""
-        self._changed()
 
     @shows_errors
     def _react(self, do, name):
         if do == "choose":
+            self._chosen = name
             self.session.restore(self.poses[name])
+            if self.lab.frame is not None and not self.lab.clip.over_pose:
+                self.lab.show_pose()
+            self.refresh()
             return
+        items = self._read(name)
+        names = list(items)
+        place = names.index(name)
         if do == "remove":
-            del self.poses[name], self._pictures[name]
-        else:
-            names = list(self.poses)
-            i = names.index(name)
-            names.insert(max(i + (1 if do == "later" else -1), 0), names.pop(i))
-            for kept in (self.poses, self._pictures):
-                items = [(k, kept[k]) for k in names]
-                kept.clear()
-                kept.update(items)
-        self._changed()
+            gone = name, items[name], place
+            self._write({k: pose for k, pose in items.items() if k != name})
+            self.back.offer(name, gone)
+            return
+        shown = list(_at_hand(items))
+        other = shown.index(name) + (1 if do == "later" else -1)
+        if 0 <= other < len(shown):
+            names.insert(names.index(shown[other]), names.pop(place))
+        self._write({k: items[k] for k in names})
+
+    @shows_errors
+    def _put_back(self):
+        name, pose, place = self.back.gone
+        items = self._read()
+        if name in items:
+            raise ValueError(f"there is another {name} in the library now; rename that one first.")
+        listed = list(items.items())
+        listed.insert(place, (name, pose))
+        self._write(dict(listed))
+        self.back.forget()
 
     @shows_errors
     def _blend(self, change):
@@ -173,3 +218,12 @@ class StripPanel(Panel):
             self.session.use(a.model)
             share = change["new"]
             self.session.apply(interpolate(a, b, share), interpolate_gaze(a, b, share))
+
+
+def _at_hand(items):
+    """Poses whose model is at hand."""
+    return {name: pose for name, pose in items.items() if isinstance(pose, PoseState)}
+
+
+def _free_name(items):
+    return next(f"pose {k}" for k in range(1, len(items) + 2) if f"pose {k}" not in items)

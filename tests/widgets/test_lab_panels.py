@@ -9,12 +9,13 @@ from shown import shown
 
 import facelab
 from facelab.expression.session import ExpressionSession
-from facelab.files.poses import load_library, save_library
+from facelab.files.poses import load_library, load_pose, read_log, save_library
 from facelab.files.takes import read_live_link_csv
 from facelab.geometry.mesh import TriangleMesh
 from facelab.looks import face_props, followed, turn_eyes
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
+from facelab.posing.log import replay
 from facelab.posing.session import PosingSession
 from facelab.rig import BlendshapeRig
 from facelab.segmentation.regions import Regions
@@ -213,11 +214,12 @@ def test_two_sliders_turn_both_eyes_in_view_picture_library_and_clip(seeing, tmp
     assert lab.picture() != still
     lab.strip.path = tmp_path / "poses.library.json"
     lab.strip.add("aside")
-    assert lab.strip._pictures["aside"] != lab.strip._pictures["neutral"]
+    assert len({item["picture"] for item in lab.strip.strip.items}) == 2
     lab.clip._add_key()
     session.reset()
     np.testing.assert_array_equal(drawn.array, ahead)
     lab.clip.slider.value = 50
+    lab.clip.stop.click()
     lab.clip._add_key()
     lab.clip.slider.value = 25
     assert lab.gaze == pytest.approx((10, -5))
@@ -295,6 +297,114 @@ def test_a_library_that_cannot_be_read_is_left_alone_and_told(lab, parts, tmp_pa
     assert "Not read" in other.strip._about.value
     other.strip.add("mine")
     assert path.read_text() == "{ broken" and other.strip.path.exists()
+    again = PosingLab(PosingSession(model, rig.neutral), folder=tmp_path)
+    assert "Not read" in again.strip._about.value and "mine" in again.strip.poses
+    again.strip.add("more")
+    assert list(load_library(again.strip.path, again.session)[0]) == ["neutral", "mine", "more"]
+    lab.strip.add("late")  # the file broke while this lab was open
+    assert path.read_text() == "{ broken"
+    assert list(lab.strip.poses) == ["neutral", "mine", "more", "late"]
+
+
+def test_a_library_of_another_face_of_the_same_mesh_is_left_alone(lab, parts, tmp_path):
+    _, rig = parts
+    lab.strip.add("mine")
+    before = lab.strip.path.read_bytes()
+    X = np.random.default_rng(0).normal(size=(4, rig.neutral.n_vertices, 3))
+    other = BlendshapeRig(rig.neutral.with_vertices(1.1 * rig.neutral.vertices), UNITS, X)
+    for name in ("first", "second"):
+        one = PosingLab(PosingSession(other, other.neutral), folder=tmp_path)
+        one.strip.add(name)
+    assert list(one.strip.poses) == ["neutral", "first", "second"]
+    assert lab.strip.path.read_bytes() == before
+
+
+def test_two_labs_of_a_face_keep_what_each_other_added_and_took_out(lab, parts, tmp_path):
+    model, rig = parts
+    a, b = lab, PosingLab(PosingSession(model, rig.neutral), lab.models, folder=tmp_path)
+    pull(b.session, 17, [0, 0, 3.0])
+    a.strip.add("from A")
+    b.strip.add("from B")
+    a.strip.add("again A")
+    assert list(a.strip.poses) == ["neutral", "from A", "from B", "again A"]
+
+    def stored():
+        return list(load_library(a.strip.path, a.session, lab.models)[0])
+
+    assert stored() == list(a.strip.poses)
+    press(b.strip.strip, "remove", "from A")
+    assert stored() == ["neutral", "from B", "again A"]
+    press(b.strip.strip, "choose", "from B")
+    b.strip.name.value = "named"
+    b.strip.rename.click()
+    press(a.strip.strip, "later", "from A")
+    assert "taken out elsewhere" in a._message.value
+    assert stored() == list(a.strip.poses) == ["neutral", "named", "again A"]
+    b.strip.add("late")
+    a.strip.name.value = "late"
+    a.strip.keep.click()
+    assert "added elsewhere" in a._message.value and "late" in a.strip.poses
+    assert b.strip.poses["late"].same(a.strip.poses["late"])
+
+
+def test_rename_renames_the_pose_that_was_clicked(lab):
+    lab.strip.add("X")  # the neutral, too
+    for name in ("pose 1", "smirk"):
+        pull(lab.session, 17, [0, 0, 2.0])
+        lab.strip.add(name)
+    assert lab.strip.strip.chosen == 3
+    press(lab.strip.strip, "choose", "X")
+    assert lab.strip.strip.chosen == 1, "of two alike, the one that was clicked"
+    lab.strip.name.value = "RENAMED"
+    lab.strip.rename.click()
+    assert list(lab.strip.poses) == ["neutral", "RENAMED", "pose 1", "smirk"]
+    assert lab.strip.strip.chosen == 1
+    press(lab.strip.strip, "choose", "neutral")
+    assert lab.strip.strip.chosen == 0
+    pull(lab.session, 90, [0, 0, 2.0])
+    assert lab.strip.strip.chosen == -1
+    lab.strip.name.value = "nothing"
+    lab.strip.rename.click()
+    assert "no pose is chosen" in lab._message.value
+
+
+def test_enter_in_the_name_of_a_pose_adds_it(lab):
+    lab.strip.name.value = "bump"
+    lab.strip.name._handle_custom_msg({"event": "submit"}, [])
+    assert list(lab.strip.poses) == ["neutral", "bump"] and lab.strip.name.value == ""
+
+
+def test_a_pose_taken_out_of_the_library_can_be_put_back(lab):
+    strip, shown = lab.strip, lambda: lab.strip.back.widget.layout.display != "none"
+    for name in ("smirk", "bump"):
+        pull(lab.session, 17, [0, 0, 2.0])
+        strip.add(name)
+    smirk, n_undo = strip.poses["smirk"], lab.session.n_undo
+    assert not shown()
+    press(strip.strip, "remove", "smirk")
+    assert list(strip.poses) == ["neutral", "bump"] and shown()
+    assert "smirk" in strip.back._text.value
+    strip.back.button.click()
+    assert list(strip.poses) == ["neutral", "smirk", "bump"] and not shown()
+    assert strip.poses["smirk"].same(smirk) and lab.session.n_undo == n_undo
+    assert list(load_library(strip.path, lab.session)[0]) == list(strip.poses)
+    press(strip.strip, "remove", "smirk")
+    strip.add("smirk")
+    strip.back.button.click()
+    assert "there is another smirk" in lab._message.value and shown()
+
+
+def test_a_pose_that_cannot_be_written_is_told_and_its_name_stays(lab, monkeypatch):
+    lab.strip.add("first")
+
+    def full(path, poses, session):
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr("facelab.widgets.posing_library.save_library", full)
+    lab.strip.name.value = "second"
+    lab.strip.keep.click()
+    assert "disk is full" in lab._message.value and lab.strip.name.value == "second"
+    assert list(lab.strip.poses) == ["neutral", "first"], "the strip shows what is kept"
 
 
 def test_poses_of_a_model_that_is_not_at_hand_are_counted_and_not_overwritten(lab, parts, tmp_path):
@@ -307,7 +417,14 @@ def test_poses_of_a_model_that_is_not_at_hand_are_counted_and_not_overwritten(la
     assert list(alone.strip.poses) == ["a"] and "1 of another model" in alone.strip._about.value
     alone.strip.add("c")
     poses, others = load_library(path, PosingSession(rig, rig.neutral), [model])
-    assert list(poses) == ["a", "b"] and others == []
+    assert list(poses) == ["a", "b", "c"] and others == []
+    np.testing.assert_array_equal(poses["b"].coefficients, session.coefficients)
+    alone = PosingLab(PosingSession(model, rig.neutral), folder=tmp_path)
+    assert list(alone.strip.poses) == ["a", "c"], "one file keeps all poses of a face"
+    alone.strip.name.value = "b"
+    alone.strip.keep.click()
+    assert "b is in the library already" in alone._message.value
+    assert alone.strip.name.value == "b" and list(alone.strip.poses) == ["a", "c"]
 
 
 def test_a_damaged_library_is_refused_with_its_place(lab, tmp_path):
@@ -337,6 +454,115 @@ def test_keys_are_dragged_along_the_line_of_time(lab):
     assert lab.clip.track.times == [0.0, 1.2]
     press(lab.clip.track, "choose", 0, to=0.0)
     assert lab.clip.seconds == 0
+
+
+@pytest.fixture
+def keyed(lab):
+    """A lab of a rig with keys at 1.32 s, the neutral, and at 2 s, the jaw open."""
+    lab.session.use(lab.models["rig"])
+    lab.clip.length.value = 3.0
+    for seconds, weight in ((1.32, 0.0), (2.0, 0.8)):
+        lab.session.slide(0, 0, weight)
+        lab.clip.slider.value = round(25 * seconds)
+        lab.clip.stop.click()
+        lab.clip.key.click()
+    lab.clear()
+    return lab
+
+
+def test_a_clip_is_no_shorter_than_its_last_key(keyed):
+    clip = keyed.clip
+    clip.length.value = 0.5
+    assert clip.length.value == clip.track.length == 2.0 and clip.slider.max == 50
+    assert "the last key is at 2.00 s" in keyed._message.value
+    clip.length.value = 2.5
+    assert clip.length.value == 2.5 and clip.slider.max == 62 + 1
+    clip.set_clip(clip.clip.moved_key(1, 1000.01))
+    assert clip.length.value == 1000.01 and clip.slider.max == 25001
+
+
+def test_a_key_taken_out_can_be_put_back(keyed):
+    clip = keyed.clip
+    before, n_undo = clip.clip, keyed.session.n_undo
+
+    def take_out(i):
+        press(clip.keys, "remove", i)
+        assert clip.back.widget.layout.display != "none"
+
+    take_out(0)
+    assert "1.32 s" in clip.back._text.value and clip.track.times == [2.0]
+    clip.back.button.click()
+    assert clip.back.widget.layout.display == "none" and keyed.session.n_undo == n_undo
+    for name in ("times", "poses", "gaze", "names"):
+        np.testing.assert_array_equal(getattr(clip.clip, name), getattr(before, name))
+    take_out(0)
+    take_out(0)
+    assert clip.clip is None
+    clip.back.button.click()
+    assert clip.track.times == [2.0], "of all, the last that was taken out"
+    take_out(0)
+    clip.slider.value = 0
+    clip.key.click()
+    press(clip.track, "move", 0, to=2.0)
+    clip.back.button.click()
+    assert "another key at 2.00 s" in keyed._message.value and clip.track.times == [2.0]
+
+
+def test_what_is_kept_of_a_frame_of_a_clip_is_what_is_on_screen(keyed, tmp_path):
+    lab, clip = keyed, keyed.clip
+    lab.session.reset()
+    clip.slider.value = round(25 * 1.64)
+    share = clip.clip.at(clip.seconds)
+    shown = lab.vertices
+    assert 0.2 < share[0] < 0.6 and not np.allclose(shown, lab.session.vertices)
+    assert "your pose is not" in clip._about.value
+    n_undo = lab.session.n_undo
+    lab.strip.add("between")
+    np.testing.assert_allclose(lab.strip.poses["between"].coefficients, share)
+    assert lab.strip.strip.chosen == -1, "the pose of the session is not on screen"
+    for button in (lab.files.obj, lab.files.live_link, lab.files.save):
+        button.click()
+    assert lab._message.value == ""
+    mesh = facelab.files.read_mesh(tmp_path / "pose.obj")
+    np.testing.assert_allclose(mesh.vertices, shown, atol=1e-3)
+    one = read_live_link_csv(tmp_path / "pose.livelink.csv", fps=30)
+    assert one.weights[0, one.names.index("jawOpen")] == pytest.approx(share[0], abs=1e-6)
+    again = PosingSession(lab.models["rig"], lab.session.neutral)
+    load_pose(tmp_path / "pose.json", again)
+    np.testing.assert_allclose(again.vertices, shown)
+    log = read_log(tmp_path / "pose.json")
+    again = replay(log, PosingSession(lab.models["rig"], lab.session.neutral))
+    np.testing.assert_allclose(again.vertices, shown)
+    clip.key.click()
+    assert len(clip.track.times) == 3
+    np.testing.assert_allclose(clip.clip.poses[1], share)
+    assert lab.session.n_undo == n_undo and not lab.session.coefficients.any()
+    clip.stop.click()
+    assert "your pose is not" not in clip._about.value
+    lab.strip.add("posed")
+    assert not lab.strip.poses["posed"].coefficients.any()
+
+
+def test_the_frame_of_keys_that_are_gone_leaves_the_screen(keyed):
+    lab, clip = keyed, keyed.clip
+    clip.slider.value = 45
+    press(clip.keys, "remove", 1)
+    np.testing.assert_array_equal(lab.vertices, lab.session.neutral.vertices)
+    press(clip.keys, "remove", 0)
+    assert lab.frame is None and "your pose is not" not in clip._about.value
+    clip.key.click()
+    assert clip.track.times == [1.8]
+    np.testing.assert_allclose(clip.clip.poses[0], lab.session.coefficients)
+
+
+def test_a_file_written_over_another_says_so_and_a_failure_takes_the_old_words_away(lab):
+    for _ in range(2):
+        before = lab.files._result.value
+        lab.files.save.click()
+    assert "again, over" not in before and "again, over the one before" in lab.files._result.value
+    lab.files.name.value = "a/b"
+    lab.files.save.click()
+    assert "leads out of the folder" in lab._message.value and lab.files._result.value == ""
 
 
 def test_weights_of_a_rig_leave_as_live_link_records_them(lab, parts, tmp_path):

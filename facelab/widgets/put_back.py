@@ -1,0 +1,41 @@
+"""A way back for what was taken out of a list and is no step of the session."""
+
+import ipywidgets as widgets
+
+from facelab.widgets.lab import button
+from facelab.widgets.page import markup
+
+
+class PutBack:
+    """A line that says what was taken out last, with a button that puts it back.
+
+    Parameters
+    ----------
+    react : callable
+        Called when the button is pressed.
+
+    Attributes
+    ----------
+    gone : object
+        What was taken out, None for nothing.
+    widget : ipywidgets.Widget
+        Shown while there is something to put back.
+    """
+
+    def __init__(self, react):
+        self._text = widgets.HTML()
+        self.button = button("Put back", "Put back what was taken out last", lambda _: react())
+        self.widget = widgets.HBox([self._text, self.button], layout={"align_items": "center"})
+        self.forget()
+
+    def offer(self, name, gone):
+        """Say that `gone` was taken out, by its name."""
+        self.gone = gone
+        self._text.value = markup(
+            '<div class="facelab-status" role="status">Removed <b>{}</b>.</div>', name
+        )
+        self.widget.layout.display = "flex"
+
+    def forget(self):
+        """Nothing is to be put back."""
+        self.gone, self.widget.layout.display = None, "none"
