@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from browser_lab import Lab, wait_until, write_notebook
+from browser_lab import Lab, snapshot, wait_until, write_notebook
 from playwright.sync_api import expect
 
 CELL = """
@@ -161,3 +161,11 @@ def test_lambda_is_slid_by_ten_messages_a_second_at_most_and_ends_where_it_is_le
     assert len(heard) > 1
     # counted where they arrive, so that one may have been late and the next in time
     assert max(np.count_nonzero((heard >= t) & (heard < t + 1)) for t in heard) <= 11
+
+
+def test_what_can_be_saved_is_read_to_its_end(page_lab):
+    page_lab.page.locator(".lm-TabBar-tabLabel", has_text="Files").first.click()
+    text = page_lab.page.get_by_text("Saved beside the notebook")
+    expect(text).to_be_visible()
+    snapshot(page_lab, "expression_files")
+    assert text.evaluate("e => e.scrollWidth <= e.clientWidth"), "the text is cut off"

@@ -1,6 +1,7 @@
 """The lab as a person uses it: a mouse on a canvas in Jupyter, checked by the vertices."""
 
 import io
+import re
 
 import matplotlib.image
 import numpy as np
@@ -536,6 +537,62 @@ def test_a_pose_saved_before_the_kernel_was_restarted_is_loaded_after(fresh):
     click(fresh, "Load")
     np.testing.assert_allclose(vertices(fresh), posed, atol=1e-9)
     snapshot(fresh, "loaded")
+
+
+def test_poses_are_added_by_enter_renamed_where_clicked_and_put_back(fresh, tmp_path):
+    page = fresh.page
+    fresh.run(f"lab.strip.path = type(lab.strip.path)({str(tmp_path / 'poses.library.json')!r})")
+    show_tab(fresh, "Poses")
+    name = page.get_by_placeholder("name of the pose").first
+    strip = page.locator(".facelab-strip").first
+    for k, pose in enumerate(("smirk", "grin")):
+        pull(fresh, "mouth_corner_left", [2, 4 + k, 0])
+        name.fill(pose)
+        name.press("Enter")
+        expect(strip.get_by_text(pose, exact=True)).to_be_visible()
+        expect(name).to_have_value("")
+    strip.get_by_text("smirk", exact=True).click()
+    expect(strip.locator(".facelab-chosen")).to_have_text(re.compile("smirk"))
+    name.fill("wry smile")
+    click(fresh, "Rename")
+    wait_until(fresh, "list(lab.strip.poses) == ['neutral', 'wry smile', 'grin']")
+    expect(strip.locator(".facelab-chosen")).to_have_text(re.compile("wry smile"))
+    item = strip.locator(".facelab-item", has_text="wry smile")
+    item.hover()
+    item.get_by_label("Take it out of the library").click()
+    expect(page.get_by_text("Removed wry smile.").first).to_be_visible()
+    snapshot(fresh, "put_back")
+    click(fresh, "Put back")
+    wait_until(fresh, "list(lab.strip.poses) == ['neutral', 'wry smile', 'grin']")
+    expect(page.get_by_text("Removed wry smile.").first).not_to_be_visible()
+
+
+def test_a_key_takes_the_frame_on_screen_and_the_clip_is_no_shorter_than_it(fresh):
+    page = fresh.page
+    show_tab(fresh, "Time")
+    click(fresh, "Key here")
+    pull(fresh, "mouth_corner_left", [2, 6, 0])
+    fresh.run("lab.clip.slider.value = 50; lab.clip.stop.click()")
+    click(fresh, "Key here")
+    fresh.run("lab.clip.slider.value = 25")
+    fresh.settle()
+    expect(page.get_by_text("your pose is not").first).to_be_visible()
+    snapshot(fresh, "frame")
+    click(fresh, "Key here")
+    wait_until(fresh, "lab.clip.track.times == [0, 1, 2]")
+    half = "abs(lab.clip.clip.poses[1] - lab.clip.clip.poses[[0, 2]].mean(axis=0)).max()"
+    assert fresh.run("", half=f"float({half})")["half"] < 1e-9
+    seconds = page.locator(".widget-inline-hbox", has_text="seconds").locator("input").first
+    seconds.fill("0.5")
+    seconds.press("Enter")
+    expect(page.get_by_text("the last key is at 2.00 s").first).to_be_visible()
+    expect(seconds).to_have_value("2")
+    page.get_by_label("Remove this key").first.click()
+    expect(page.get_by_text("Removed the key at 0.00 s.").first).to_be_visible()
+    snapshot(fresh, "key_gone")
+    click(fresh, "Put back")
+    wait_until(fresh, "lab.clip.track.times == [0, 1, 2]")
+    fresh.run("lab.clip.set_clip(None)")
 
 
 OWN = """
