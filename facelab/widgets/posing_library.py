@@ -142,9 +142,11 @@ class StripPanel(Panel):
                 f"{name} is in the library already, added elsewhere or with another model; write "
                 "another name."
             )
-        items = {**items, name: self.lab.clip.on_screen().state}
+        before, pose = items.get(name), self.lab.clip.on_screen().state
         self._chosen = name
-        self._write(items)
+        self._write({**items, name: pose})
+        if before is not None and not before.same(pose):
+            self.back.offer(f"the {name} before", (name, before, list(items).index(name)))
 
     def refresh(self):
         """Mark the pose of the library that is on screen; of several alike, the one clicked on."""

@@ -392,6 +392,13 @@ def test_a_pose_taken_out_of_the_library_can_be_put_back(lab):
     strip.add("smirk")
     strip.back.button.click()
     assert "there is another smirk" in lab._message.value and shown()
+    strip.name.value = "new smirk"
+    strip.rename.click()
+    strip.back.button.click()
+    assert list(strip.poses) == ["neutral", "smirk", "bump", "new smirk"]
+    strip.add("smirk")
+    assert "the smirk before" in strip.back._text.value, "what was replaced can be put back, too"
+    assert strip.back.gone[1].same(smirk)
 
 
 def test_a_pose_that_cannot_be_written_is_told_and_its_name_stays(lab, monkeypatch):

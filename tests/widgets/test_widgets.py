@@ -11,6 +11,7 @@ from hand import drawn, hover, let_go, move, press
 from planted import bumps, quarters
 from shapes import grid_mesh
 
+from facelab.files.meshes import read_mesh
 from facelab.geometry.mesh import TriangleMesh
 from facelab.looks import Lining
 from facelab.models.holistic import HolisticModel
@@ -680,6 +681,36 @@ def test_a_take_is_played_through_the_model_with_the_pose_on_top(lab):
     np.testing.assert_allclose(lab.session.vertices, later + offset, atol=1e-9)
 
 
+def test_what_is_kept_of_a_frame_of_a_take_is_the_frame_with_the_pose_on_top(lab, tmp_path):
+    session = lab.session
+    pull(lab, 17, [2.0, 1, 3])
+    pose = session.state
+    lab.clip.source.value = "walk"
+    lab.clip.slider.value = 12
+    shown = lab.vertices
+    assert np.abs(shown - session.vertices).max() > 1
+    lab.strip.add("walking")
+    np.testing.assert_allclose(session.vertices_in(lab.strip.poses["walking"]), shown, atol=1e-9)
+    for button in (lab.files.save, lab.files.ply):
+        button.click()
+    saved = read_mesh(tmp_path / "pose.ply").vertices
+    np.testing.assert_allclose(saved, shown, atol=1e-3)
+    assert session.state is pose and lab.frame is not None, "the lab goes on as it was"
+    lab.files.load.click()
+    np.testing.assert_allclose(session.vertices, shown, atol=1e-9)
+
+
+def test_a_pose_of_the_library_is_shown_in_place_of_a_frame_even_if_it_is_the_pose_already(lab):
+    lab.clip.key.click()
+    pull(lab, 17, [2.0, 1, 3])
+    lab.strip.add("bump")
+    lab.clip.slider.value = 10
+    assert lab.strip.strip.chosen == -1, "what is on screen is none of the library"
+    lab.strip.strip._handle_custom_msg({"do": "choose", "item": "bump"}, [])
+    np.testing.assert_allclose(drawn(lab.view), lab.session.vertices, atol=1e-4)
+    assert lab.frame is None and lab.strip.strip.chosen == 1
+
+
 def test_a_pose_saved_by_name_is_loaded_in_another_lab(lab, tmp_path):
     pull(lab, 17, [2.0, 1, 3])
     lab.files.name.value = "smirk"
@@ -725,8 +756,6 @@ def test_meshes_and_clips_are_exported(lab, tmp_path, button, file):
     assert lab._message.value == ""
     assert (tmp_path / file).stat().st_size > 1000
     if button != "clip_glb":
-        from facelab.files.meshes import read_mesh
-
         saved = read_mesh(tmp_path / file).vertices
         scale = np.ptp(lab.session.vertices) / np.ptp(saved)  # GLB counts in metres
         np.testing.assert_allclose(saved * scale, lab.session.vertices, atol=1e-2)
