@@ -73,7 +73,9 @@ def test_what_is_set_is_saved_beside_the_notebook(picker, face, tmp_path):
     assert [entry["label"] for entry in stored["labels"]] == list(SIX)
     points = np.array(stored["landmarks"]["points"])
     np.testing.assert_array_equal(points, face.vertices[[face.landmarks[n] for n in SIX]])
-    assert "mine.ljson" in picker._result.value
+    assert "mine.ljson" in picker._result.value and "again" not in picker._result.value
+    picker.save.click()
+    assert "again, over the one before" in picker._result.value
     picker.name.value = "../x"
     picker.save.click()
     assert "leads out of the folder" in picker._message.value
