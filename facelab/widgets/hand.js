@@ -208,6 +208,10 @@ class Hand {
     const shown = () => (this.drag?.answer ? this.draw() : redraw());
     this.skin.position.on("change", shown); // after pythreejs has heard of it
     signal.addEventListener("abort", () => this.skin.position.off("change", shown));
+    const theme = new MutationObserver(() => this.tint());
+    theme.observe(document.body, { attributeFilter: ["data-jp-theme-light"] });
+    signal.addEventListener("abort", () => theme.disconnect());
+    this.tint();
     const page = this.stage.closest(".facelab-stage");
     const said = new MutationObserver(() => this.note(page));
     if (page) said.observe(page, { childList: true, subtree: true });
@@ -216,6 +220,16 @@ class Hand {
     const sized = new ResizeObserver(() => this.fit());
     sized.observe(this.stage);
     signal.addEventListener("abort", () => sized.disconnect());
+  }
+
+  // Behind the face it is as light or dark as the page.
+  tint() {
+    const dark = document.body.dataset.jpThemeLight === "false";
+    this.el.classList.toggle("facelab-dark", dark);
+    const { background } = this.view.scene;
+    this.light ??= background.getStyle();
+    background.set(dark ? "#26282b" : this.light);
+    this.view.tick();
   }
 
   // --- camera -----------------------------------------------------------------------------------

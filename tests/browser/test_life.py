@@ -156,6 +156,11 @@ def test_face_and_controls_of_both_labs_are_in_view_and_legible(living, theme):
             found = page.locator(".facelab-lab").nth(k).evaluate(LOOK)
             snapshot(living, f"{name}_{theme.lower()}_{size[0]}")
             assert not found, f"{name} lab at {size}: {found}"
+    behind = page.evaluate(
+        "[...document.querySelectorAll('.facelab-face')].map("
+        "({ facelab }) => facelab.view.scene.background.getHexString())"
+    )
+    assert set(behind) == {{"Light": "f4f4f2", "Dark": "26282b"}[theme]}
     page.set_viewport_size({"width": 1400, "height": 1000})
 
 
