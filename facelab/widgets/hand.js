@@ -30,6 +30,7 @@ const sparse = (told) => told && {
 };
 const add = (a, b, by = 1) => a.map((x, i) => x + by * b[i]);
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 const unit = (a) => a.map((x) => x / Math.hypot(...a));
 const row = (X, v) => [X[3 * v], X[3 * v + 1], X[3 * v + 2]];
 
@@ -96,7 +97,11 @@ function teller(model) {
     timer = 0;
     if (!waiting) return;
     last = performance.now();
-    model.send(waiting);
+    try {
+      model.send(waiting);
+    } catch (error) {
+      console.warn(error); // the kernel has gone; the page says so
+    }
     waiting = null;
   };
   return {
@@ -150,6 +155,7 @@ class Hand {
   #build() {
     this.marks = element("svg", { class: "facelab-marks", "aria-hidden": "true" }, this.el);
     this.label = element("div", { class: "facelab-label", role: "status" }, this.el);
+    this.notes = element("div", { class: "facelab-notes", "aria-hidden": "true" }, this.el);
     const bar = this.bar = element("div", { class: "facelab-views", role: "toolbar", "aria-label": "View" }, this.el);
     const button = (sign, tip, react) => {
       const made = element("button", { title: tip, "aria-label": tip, type: "button" }, bar);
@@ -202,9 +208,28 @@ class Hand {
     const shown = () => (this.drag?.answer ? this.draw() : redraw());
     this.skin.position.on("change", shown); // after pythreejs has heard of it
     signal.addEventListener("abort", () => this.skin.position.off("change", shown));
+    const theme = new MutationObserver(() => this.tint());
+    theme.observe(document.body, { attributeFilter: ["data-jp-theme-light"] });
+    signal.addEventListener("abort", () => theme.disconnect());
+    this.tint();
+    const page = this.stage.closest(".facelab-stage");
+    const said = new MutationObserver(() => this.note(page));
+    if (page) said.observe(page, { childList: true, subtree: true });
+    on(document, "fullscreenchange", () => this.note(page));
+    signal.addEventListener("abort", () => said.disconnect());
     const sized = new ResizeObserver(() => this.fit());
     sized.observe(this.stage);
     signal.addEventListener("abort", () => sized.disconnect());
+  }
+
+  // Behind the face it is as light or dark as the page.
+  tint() {
+    const dark = document.body.dataset.jpThemeLight === "false";
+    this.el.classList.toggle("facelab-dark", dark);
+    const { background } = this.view.scene;
+    this.light ??= background.getStyle();
+    background.set(dark ? "#26282b" : this.light);
+    this.view.tick();
   }
 
   // --- camera -----------------------------------------------------------------------------------
@@ -229,7 +254,7 @@ class Hand {
     return this.camera.obj.position.toArray();
   }
 
-  lookFrom(way, away = Math.hypot(...this.eye())) {
+  lookFrom(way, away = this.model.get("away")) {
     this.camera.obj.position.set(...unit(way).map((x) => x * away));
     this.orbit.obj.update();
     this.orbit.obj.dispatchEvent({ type: "end" }); // so that the kernel knows, too
@@ -241,8 +266,7 @@ class Hand {
   }
 
   // The way of the ray under a spot of the page; not of unit length.
-  ray({ x, y }, lens) {
-    const box = this.box();
+  ray({ x, y }, lens, box = this.box()) {
     const across = (2 * (x - box.left)) / box.width - 1;
     const above = 1 - (2 * (y - box.top)) / box.height;
     return [0, 1, 2].map((a) => across * lens.wide * lens.right[a]
@@ -250,8 +274,8 @@ class Hand {
   }
 
   // Where the mouse is in the plane through a point that faces the camera.
-  inPlane(event, lens, point) {
-    const way = this.ray(event, lens);
+  inPlane(event, lens, point, box) {
+    const way = this.ray(event, lens, box);
     const t = dot(add(point, lens.eye, -1), lens.back) / dot(way, lens.back);
     return add(lens.eye, way, t);
   }
@@ -364,10 +388,19 @@ class Hand {
     this.label.style.transform = `translate(${left}px, ${event.y - box.top + 16}px)`;
   }
 
+  // What the page says below its faces cannot be seen there in full screen.
+  note(page) {
+    const full = page && document.fullscreenElement === this.stage;
+    const said = full ? page.querySelectorAll(".facelab-error, .facelab-status") : [];
+    const text = [...said].map((e) => e.innerText).filter(Boolean).join("\n");
+    if (this.notes.textContent !== text) this.notes.textContent = text;
+  }
+
   // --- press, move, release -----------------------------------------------------------------------
 
   down(event) {
     if (event.target.closest("button")) return;
+    if (this.drag && !this.stepping) return; // a second finger
     this.endSteps();
     this.choose(null);
     this.taken = false;
@@ -382,8 +415,9 @@ class Hand {
       return;
     }
     const lens = this.lens();
+    const box = this.box(); // as it is now: that the canvas grows or moves pulls nothing
     // where the mouse is, as far away as what it takes: a pin near it does not jump to it
-    this.grip = { lens, point: this.inPlane(event, lens, found.point) };
+    this.grip = { lens, box, pointer: event.pointerId, point: this.inPlane(event, lens, found.point, box) };
     this.begin(found.vertex, event.shiftKey || this.model.get("along_normal"));
   }
 
@@ -410,10 +444,12 @@ class Hand {
     return { across: length > 0.4 ? seen.map((s) => s / length ** 2) : up, normal };
   }
 
-  // How far the mouse has gone in the plane through the grip that faces the camera.
+  // How far the mouse has gone in the plane through the grip that faces the camera, and that not
+  // beyond the edge of the canvas: out there no face can follow.
   offsetAt(event) {
-    const { lens, point } = this.grip;
-    const offset = add(this.inPlane(event, lens, point), point, -1);
+    const { lens, point, box } = this.grip;
+    const within = { x: clamp(event.x, box.left, box.right), y: clamp(event.y, box.top, box.bottom) };
+    const offset = add(this.inPlane(within, lens, point, box), point, -1);
     const { rail } = this.drag;
     return rail ? rail.normal.map((x) => x * dot(offset, rail.across)) : offset;
   }
@@ -424,6 +460,7 @@ class Hand {
       if (!event.buttons) this.hover(event);
       return;
     }
+    if (event.pointerId !== this.grip.pointer) return;
     this.pull(this.offsetAt(event));
     this.say(this.nameOf(this.drag.vertex), event);
   }
@@ -442,6 +479,7 @@ class Hand {
       this.taken = false;
       return;
     }
+    if (event.pointerId !== this.grip.pointer) return;
     if (event.type === "pointerup") this.pull(this.offsetAt(event));
     this.letGo();
     this.taken = false;

@@ -19,6 +19,8 @@ class Hand(InTouch):
     pins : list of [vertex, target, color, name]
     names : list of str
         Of vertices; `name_of` (uint32) says which is whose. Empty for numbers.
+    away : float
+        From where the whole face is seen, millimetres.
     settled : str
         The last press that the kernel has dealt with: what it sent is then what is shown.
     basis : dict
@@ -41,6 +43,7 @@ class Hand(InTouch):
     names = traitlets.List().tag(sync=True)
     name_of = traitlets.Bytes().tag(sync=True)
     settled = traitlets.Unicode().tag(sync=True)
+    away = traitlets.Float().tag(sync=True)
     basis = traitlets.Dict().tag(sync=True)
 
     def __init__(self, react, **kwargs):

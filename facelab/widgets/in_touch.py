@@ -7,6 +7,7 @@ import anywidget
 import traitlets
 
 _HERE = Path(__file__).parent
+_ROUTE = "_reply_subshell_for"  # of ipykernel's comms: which thread hears what the page says
 
 
 def script(*names):
@@ -27,8 +28,8 @@ def keep_free(widget):
     ipykernel 7.4 hands what a page says to the thread that spoke to it last, so to that of a cell:
     it would wait until that has run. JupyterLab names a thread that is always free.
     """
-    if hasattr(widget.comm, "_reply_subshell_for"):
-        widget.comm._reply_subshell_for = lambda _, named: named
+    if hasattr(widget.comm, _ROUTE):
+        setattr(widget.comm, _ROUTE, lambda _, named: named)
     for inside in getattr(widget, "children", ()):
         keep_free(inside)
 

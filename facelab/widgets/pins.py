@@ -7,6 +7,7 @@ from facelab.widgets.lab import WIDTH, Panel, row
 from facelab.widgets.page import quiet, shows_errors
 from facelab.widgets.parts import ItemList
 
+_FARTHEST = 100.0  # mm that a point can be typed away from its place at rest
 _WEIGHTS = {"weak": 0.1, "normal": 1.0, "strong": 10.0}
 _AXES = {
     "x": "From where the point rests, millimetres to the person's left",
@@ -139,5 +140,8 @@ class PinPanel(Panel):
             return
         rest, now = self.lab.mesh.vertices[self.chosen], self.pinned.pins[self.chosen]
         typed = np.array([field.value for field in self.target])
+        far = np.abs(typed).max()
+        if far > _FARTHEST:
+            raise ValueError(f"no face goes as far as {far:g} mm; type {_FARTHEST:g} mm at most.")
         target = np.where(np.abs(typed - (now - rest)) < 0.006, now, rest + typed)
         self.pinned.set_pin(self.chosen, target)

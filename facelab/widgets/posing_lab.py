@@ -16,6 +16,7 @@ from facelab.plotting import region_colors
 from facelab.posing.session import PosingSession
 from facelab.segmentation.segment import segment_face
 from facelab.widgets.lab import Lab, button, row, toggle
+from facelab.widgets.last_pose import LastPose
 from facelab.widgets.own_face import own_face
 from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.posing_clips import ClipPanel
@@ -234,14 +235,14 @@ class PosingLab(Lab):
         self.undo, self.redo, self.keep, self.reset, _, _, self.mirror = self._buttons.values()
         self.pose, self.shape = PosePanel(self), ShapePanel(self)
         self.strip, self.clip = StripPanel(self), ClipPanel(self)
-        self.files = FilePanel(self)
+        self.files, self.last = FilePanel(self), LastPose(self)
         self._captions = widgets.HTML(), widgets.HTML()
         first = widgets.VBox([self._captions[0], self.view.widget], layout=_growing())
         self._faces = widgets.HBox([first], layout={"flex_flow": "row nowrap"})
         above = [
             row(self.model_choice, self.ghost),
             row(self.beside, self.paint),
-            row(*self._buttons.values()),
+            row(*self._buttons.values(), *self.last.widgets),
         ]
         panels = {
             "Pins": self.pose,
@@ -435,6 +436,7 @@ class PosingLab(Lab):
             if what == "step":
                 self.frame = self.clip.frame if self.clip.over_pose else None
                 self.refresh()
+                self.last.keep()
             elif self._held is None:
                 self.show()
         except Exception as error:

@@ -188,6 +188,7 @@ class FaceView:
         self._camera = three.PerspectiveCamera(
             fov=_FOV, aspect=aspect, near=away / 20, far=away * 4, position=[0, 0, float(away)]
         )
+        self._away = float(away)
         self._orbit = three.OrbitControls(controlling=self._camera, enablePan=False)
 
     def _share_camera(self, other):
@@ -198,7 +199,7 @@ class FaceView:
             )
         self._grip = other._grip
         # the orbit too: it listens on both canvases and draws both while the mouse moves
-        self._camera, self._orbit = other._camera, other._orbit
+        self._camera, self._orbit, self._away = other._camera, other._orbit, other._away
 
     def _lights(self):
         """Three lights, and what comes from all around, a little more from above."""
@@ -232,6 +233,7 @@ class FaceView:
             self._hear,
             ids={**ids, "parts": [part.model_id for part in self._props.meshes]},
             middle=self._middle.tolist(),
+            away=self._away,
             n_vertices=self._n,
             n_faces=len(self.mesh.faces),
             rim=self._lining.rim.tolist(),
@@ -481,10 +483,9 @@ class FaceView:
             self._cloud.visible = bool(seen.any())
 
     def look_from(self, direction=(0.0, 0.0, 1.0)):
-        """Place the camera in this direction from the face, shape (3,), as far away as it is."""
+        """Place the camera in this direction from the face, (3,), where all of it is seen."""
         direction = np.asarray(direction, dtype=float)
-        away = np.linalg.norm(self._camera.position)
-        self._camera.position = (away * direction / np.linalg.norm(direction)).tolist()
+        self._camera.position = (self._away * direction / np.linalg.norm(direction)).tolist()
         self._orbit.exec_three_obj_method("update")  # turns it towards the face
 
     @property

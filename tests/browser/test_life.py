@@ -156,6 +156,11 @@ def test_face_and_controls_of_both_labs_are_in_view_and_legible(living, theme):
             found = page.locator(".facelab-lab").nth(k).evaluate(LOOK)
             snapshot(living, f"{name}_{theme.lower()}_{size[0]}")
             assert not found, f"{name} lab at {size}: {found}"
+    behind = page.evaluate(
+        "[...document.querySelectorAll('.facelab-face')].map("
+        "({ facelab }) => facelab.view.scene.background.getHexString())"
+    )
+    assert set(behind) == {{"Light": "f4f4f2", "Dark": "26282b"}[theme]}
     page.set_viewport_size({"width": 1400, "height": 1000})
 
 
@@ -188,11 +193,23 @@ ASLEEP = """() => [...document.querySelectorAll(".facelab-lab")].every(
   (lab) => getComputedStyle(lab, "::before").content.includes("asleep"))"""
 
 
-def test_a_lab_whose_kernel_was_restarted_says_that_it_is_asleep(living):
+def test_a_lab_whose_kernel_was_restarted_is_asleep_and_then_offers_the_pose_again(living):
+    page = living.page
+    for _ in range(2):  # what is made in the page is kept
+        page.get_by_role("button", name="Redo", exact=True).first.click()
+        living.settle()
+    pose = living.run("", v="lab.session.vertices.tolist()")["v"]
     living.restart(clear=False)
-    living.page.wait_for_function(ASLEEP)
-    living.page.locator(".facelab-lab").first.scroll_into_view_if_needed()
+    page.wait_for_function(ASLEEP)
+    page.locator(".facelab-lab").first.scroll_into_view_if_needed()
     snapshot(living, "asleep")
+    living.run_cells()
+    snapshot(living, "offered")
+    page.get_by_role("button", name="Back to the pose of").first.click()
+    living.settle()
+    back = living.run("", v="lab.session.vertices.tolist()", g="list(lab.session.state.gaze)")
+    np.testing.assert_allclose(back["v"], pose, atol=1e-9)
+    assert back["g"] == [20, 0] and len(living.run("", p="list(lab.session.pins)")["p"]) == 1
 
 
 def test_a_notebook_that_has_not_run_shows_a_picture_and_no_error(living):

@@ -272,6 +272,9 @@ def test_the_wheel_scrolls_the_page_until_the_mouse_has_rested_on_the_face(fresh
     mouse.wheel(0, -30)
     fresh.settle()
     assert np.linalg.norm(camera(fresh)) < 0.99 * away
+    fresh.page.get_by_label("From the front").first.click()
+    fresh.settle()
+    np.testing.assert_allclose(camera(fresh), [0, 0, away], atol=1e-6)  # all of the face again
 
 
 def test_the_views_of_the_canvas_turn_the_camera_and_tell_the_kernel(fresh):
@@ -305,9 +308,66 @@ def test_the_face_can_fill_the_screen(fresh):
     box = fresh.page.locator("canvas").first.bounding_box()
     snapshot(fresh, "full_screen")
     assert (box["width"], box["height"]) == (1400, 1000)
+    notes = fresh.page.locator(".facelab-notes").first
+    assert notes.text_content().startswith("Drag: pose.")
+    press(fresh, "x")  # nothing is pinned
+    fresh.page.wait_for_timeout(100)
+    assert "That did not work." in notes.text_content()
+    snapshot(fresh, "full_screen_says")
     fresh.page.get_by_label("Full screen").first.click()
     fresh.page.wait_for_function("document.fullscreenElement === null")
     assert fresh.bring_into_view()["height"] < 900
+
+
+def test_a_page_that_changes_its_size_during_a_pull_pulls_nothing(fresh):
+    pull(fresh, "mouth_corner_left", [2, 5, 0], release=False)
+    fresh.page.set_viewport_size({"width": 1100, "height": 700})
+    fresh.settle()
+    fresh.page.keyboard.press("c")  # two faces side by side: smaller still
+    fresh.page.mouse.up()
+    fresh.settle()
+    fresh.page.set_viewport_size({"width": 1400, "height": 1000})
+    np.testing.assert_allclose(way_of_pin(fresh), [2, 5, 0], atol=0.3)
+
+
+def test_a_pull_ends_at_the_edge_of_the_canvas(fresh):
+    box = fresh.page.locator("canvas").first.bounding_box()
+    spots = [(box["x"] + 0.5, box["y"] + 0.5), (5, 5)]
+    ways = []
+    for spot in spots:
+        fresh.run("session.reset()")
+        (at,) = on_page(fresh, vertices(fresh)[landmark(fresh, "chin")])
+        fresh.page.mouse.move(*at)
+        fresh.page.mouse.down()
+        fresh.page.mouse.move(*spot, steps=3)
+        fresh.page.mouse.up()
+        fresh.settle()
+        ways.append(way_of_pin(fresh))
+    np.testing.assert_allclose(*ways, atol=0.5)
+
+
+def test_a_second_finger_neither_pulls_nor_zooms(fresh):
+    face, touch = vertices(fresh), fresh.page.context.new_cdp_session(fresh.page)
+    corner = face[landmark(fresh, "mouth_corner_left")]
+    first = on_page(fresh, corner + np.linspace(0, 1, 4)[:, None] * [2, 5, 0])
+    second = on_page(fresh, face[landmark(fresh, "chin")] - np.arange(3)[:, None] * [0, 15, 0])
+    eye = camera(fresh)
+
+    def feel(kind, *fingers):
+        points = [{"x": x, "y": y, "id": k} for k, (x, y) in fingers]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    feel("touchStart", (0, first[0]))
+    for spot in first[1:]:
+        feel("touchMove", (0, spot))
+    feel("touchStart", (0, first[-1]), (1, second[0]))
+    for spot in second[1:]:
+        feel("touchMove", (0, first[-1]), (1, spot))
+    feel("touchEnd", (0, first[-1]))
+    feel("touchEnd")
+    fresh.settle()
+    np.testing.assert_allclose(way_of_pin(fresh), [2, 5, 0], atol=0.3)
+    np.testing.assert_allclose(camera(fresh), eye, atol=1e-6)
 
 
 def test_undo_and_redo_return_exactly_by_button_and_by_key(fresh):
