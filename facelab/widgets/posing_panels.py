@@ -81,6 +81,13 @@ class PosePanel(Panel):
         """Lock a pin, or free it; a vertex without one is pinned where it is, and locked."""
         self.pin_list.toggle_lock(vertex)
 
+    def remove_pin(self, vertex):
+        """Remove the pin under the mouse, or the one that Tab has chosen."""
+        if vertex not in self.session.pins:
+            known = ", ".join(item["name"] for item in self.pins.items) or "none"
+            raise ValueError(f"the point under the mouse is not pinned; pinned are: {known}.")
+        self.session.remove_pin(vertex)
+
     @shows_errors
     def _slide(self, change):
         if not self.settling:
