@@ -121,7 +121,7 @@ class ExpressionLab(Lab):
         units = [
             {
                 "name": name,
-                "tip": f"{name}: {self.places.motion(rig.deltas[k]) or 'moves the face'}, "
+                "tip": f"{name}: {self.places.motion(rig.deltas[k], literal=True) or 'moves'}, "
                 f"{np.linalg.norm(rig.deltas[k], axis=1).max():.1f} mm at weight 1",
                 "picture": base64.b64encode(draw(rig.neutral.vertices + rig.deltas[k])).decode(),
             }

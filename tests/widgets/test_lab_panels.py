@@ -175,13 +175,37 @@ def test_sliders_of_a_rig_show_what_pins_made_and_are_sorted_by_what_they_do(lab
 
 
 def test_a_component_says_what_it_moves_and_how_much(lab, monkeypatch):
-    monkeypatch.setattr(lab.places, "motion", lambda x: f"moved {np.abs(x).max() > 0}")
+    monkeypatch.setattr(lab.places, "motion", lambda x, literal: f"moved {np.abs(x).max() > 0}")
     lab.shape._said = {}
     lab.refresh()
     said = [item["name"] for item in lab.shape.sliders.items]
-    shares = [int(re.fullmatch(r"moved True, (\d+)\u00a0%", text)[1]) for text in said]
+    shares = [float(re.match(r"moved True, ([\d.]+)\u00a0%", text)[1]) for text in said]
     assert shares == sorted(shares, reverse=True) and 97 <= sum(shares) <= 103
     assert "mm for one standard deviation" in lab.shape.sliders.items[0]["tip"]
+
+
+def test_names_of_components_tell_them_apart(lab, monkeypatch):
+    shares = np.array([0.9, 0.08, 0.0126, 0.0034, 0.0033, 0.000024])
+    monkeypatch.setattr(lab.session, "shares", lambda _: shares)
+    monkeypatch.setattr(lab.places, "motion", lambda *_, **__: "lip up")
+    lab.shape._said = {}
+    said = [name.replace("\u00a0", " ") for name, _ in lab.shape.slider_names(0)]
+    assert said == [
+        *("lip up, 90 %", "lip up, 8 %", "lip up, 1 %", "lip up, 0.3 %", "lip up, 0.3 % (2)"),
+        "lip up, 0.002 %",
+    ]
+
+
+def test_what_a_unit_of_a_rig_moves_is_said_literally(lab, expression, monkeypatch):
+    said = lambda x, literal=False: "chin up" if literal else "jaw shut"  # noqa: E731
+    for each in (lab, expression):
+        monkeypatch.setattr(each.places, "motion", said)
+    lab.shape._said = {}
+    assert "jaw shut" in lab.shape.slider_names(0)[0][1]
+    lab.session.use(lab.models["rig"])
+    assert "jawOpen: chin up" in lab.shape.sliders.items[0]["tip"]
+    expression._build_parts()
+    assert "jawOpen: chin up" in expression.bars.units[0]["tip"]
 
 
 @pytest.fixture(scope="module")
