@@ -174,8 +174,19 @@ class FacePlaces:
 
     # --- motion -----------------------------------------------------------------------------------
 
-    def motion(self, displacements):
-        """What displacements (n_vertices, 3) do, such as "mouth corner left up"; or ""."""
+    def motion(self, displacements, literal=False):
+        """What displacements (n_vertices, 3) do, such as "mouth corner left up"; or "".
+
+        Parameters
+        ----------
+        displacements : ndarray of shape (n_vertices, 3)
+        literal : bool, default=False
+            Say "chin down" and not "jaw open": the chin of a shrug goes up, too, without any jaw.
+        """
+        said = self._motion(displacements)
+        return said if literal else _PHRASES.get(said, said)
+
+    def _motion(self, displacements):
         size = np.linalg.norm(displacements, axis=1)
         p = int(size.argmax())
         if self._at is None or size[p] < 1e-6:
@@ -202,8 +213,7 @@ class FacePlaces:
                 way = "to the left" if d[0] > 0 else "to the right"
             else:
                 way = "out" if side * d[0] > 0 else "in"
-        said = f"{_both(name) if both else name} {way}"
-        return _PHRASES.get(said, said)
+        return f"{_both(name) if both else name} {way}"
 
 
 def _both_sides():

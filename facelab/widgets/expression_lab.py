@@ -31,7 +31,7 @@ _COLORS = "YlGnBu"
 _PICTURE = (60, 66)  # pixels
 _UNITS_OF_LENGTH = {"own": None, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 _LAMS = 1e-3, 10.0  # mm: ends of the slider
-_KEYS = {"Z": "undo", "Y": "redo", "B": "best sum of the weights"}
+_KEYS = {"Z": "undo", "Y": "redo", "B": "best sum of the weights", "Esc": "give up a drag"}
 _HINT = (
     "Left: the sketch. Drag a point of it to change it; drag beside it to turn both faces. "
     "Right: the face that the units make of it."
@@ -121,7 +121,7 @@ class ExpressionLab(Lab):
         units = [
             {
                 "name": name,
-                "tip": f"{name}: {self.places.motion(rig.deltas[k]) or 'moves the face'}, "
+                "tip": f"{name}: {self.places.motion(rig.deltas[k], literal=True) or 'moves'}, "
                 f"{np.linalg.norm(rig.deltas[k], axis=1).max():.1f} mm at weight 1",
                 "picture": base64.b64encode(draw(rig.neutral.vertices + rig.deltas[k])).decode(),
             }
@@ -150,9 +150,7 @@ class ExpressionLab(Lab):
         self.undo = button("Undo", "One step back", self._press_button)
         self.redo = button("Redo", "One step forward again", self._press_button)
         self.best = button("Best α", "Follow the best sum of the weights", self._press_button)
-        self.free = button(
-            "Free all", "Let go of all locked and excluded units", self._press_button
-        )
+        self.free = button("Free all", "Let go of locked and excluded units", self._press_button)
         self.sorted = widgets.Checkbox(
             description="strongest first", tooltip="Order the units by what they do to the face",
             indent=False, layout={"width": WIDTH},
@@ -201,13 +199,12 @@ class ExpressionLab(Lab):
             **dict.fromkeys(("z", "Ctrl+z"), self.undo.click),
             **dict.fromkeys(("y", "Ctrl+y"), self.redo.click),
             "b": self.best.click,
+            "Escape": self._give_up,
         }
         self._lay_out([self._views, curve], above, panels, reactions, _KEYS)
+        for control in (self.bounds, self.criterion, self.align, self.clamp):
+            control.observe(self._choose, names="value")
         for control, react in (
-            (self.bounds, self._choose),
-            (self.criterion, self._choose),
-            (self.align, self._choose),
-            (self.clamp, self._choose),
             (self.source, self._choose_source),
             (self.frame, self._choose_frame),
             (self.upload, self._take_file),
@@ -361,12 +358,7 @@ class ExpressionLab(Lab):
 
     def fail(self, error):
         """Show an error, give up the drag it happened in, and keep the last good state."""
-        self.sketch_view.end_drag()
-        if self._pulling:
-            self._puller.cancel()
-        self._pulling = False
-        self.session.settle()
-        self.refresh()
+        self._give_up()
         super().fail(error)
 
     # --- the mouse on the sketch ------------------------------------------------------------------
@@ -390,7 +382,7 @@ class ExpressionLab(Lab):
         posing = self._posing()
         self._puller = posing or Sculpt(session.rig.neutral, session.sketch)
         self._pulled = session.state.origin if posing else BY_HAND
-        self._pulling = True
+        self._pulling, self._before = True, session.state
         self._answer = self._puller.press(vertex)
         self._held, self._from = vertex, self._puller.pins[vertex]
         self.clear()
@@ -415,6 +407,17 @@ class ExpressionLab(Lab):
     @_own
     def _release(self):
         self._puller.release()
+        self._pulling = False
+        self.session.settle()
+        self.refresh()
+
+    def _give_up(self):
+        """Give up a pull: the sketch, and the session that is pulled, are as they were before."""
+        self.sketch_view.end_drag()
+        if self._pulling:
+            self._puller.cancel()
+            with self.session.history.group("sketch"):  # back to the start of the stroke of `load`
+                self.session.history.make(self._before)
         self._pulling = False
         self.session.settle()
         self.refresh()
@@ -494,7 +497,10 @@ class ExpressionLab(Lab):
         self.refresh()
 
     def _walk(self, back):
-        """One step back or forward, in the PosingSession that made the sketch too."""
+        """One step back or forward, in the PosingSession too; a pull under way is given up."""
+        if self._pulling:
+            self._give_up()
+            return
         session, before, posing = self.session, self.session.state, self._posing()
         session.undo() if back else session.redo()
         state = session.state

@@ -374,7 +374,8 @@ class Hand {
     this.under = event && this.find(event);
     const vertex = this.under?.vertex ?? null;
     if (vertex !== (before ?? null)) {
-      if (this.model.get("hovers")) this.tell.soon({ do: "hover", vertex });
+      const chosen = this.pinned().includes(this.chosen); // keys act on that
+      if (this.model.get("hovers") && !chosen) this.tell.soon({ do: "hover", vertex });
       this.redraw();
     }
     this.say(vertex === null ? "" : this.nameOf(vertex), event);
@@ -515,6 +516,7 @@ class Hand {
   choose(vertex) {
     if (vertex === this.chosen) return;
     this.chosen = vertex;
+    if (this.model.get("hovers")) this.tell.now({ do: "hover", vertex: vertex ?? this.under?.vertex ?? null });
     const pins = this.pinned();
     if (vertex === null) this.say("");
     else {

@@ -33,6 +33,8 @@ class Panel:
 
 
 _PARAMETERS = {"beta": "Regions agree (β)", "gamma": "Stay close (γ)", "lam": "λ", "alpha": "α"}
+_PARAMETERS |= {"path": "the file", "name": "the name"}
+_VALUE = r"""'[^']*'|"[^"]*"|\[[^]]*\]|-?[\w.+-]*\w"""
 
 
 class Lab(Page):
@@ -92,13 +94,17 @@ class Lab(Page):
     def in_words(self, error):
         """What an error says, in words of the page: buttons and points, not arguments."""
         text = re.sub(r":? ?\b[a-z_.]+\([^()]*=[^()]*\)", "", str(error))
-        return re.sub(r"\b([a-z_]+)=('[^']*'|\[[^]]*\]|-?[\w.+-]*\w)", self._word, text)
+        text = re.sub(r"^name (is|has) ", r"The name \1 ", text)
+        return re.sub(rf"\b([a-z_]+)=({_VALUE})", self._word, text)
 
     def _word(self, found):
         name, value = found.groups()
         if name == "vertex" and value.isdigit() and int(value) < self.mesh.n_vertices:
             return self.name_of(int(value))
-        return f"{_PARAMETERS.get(name, name.replace('_', ' '))} {value}"
+        if name == "path":  # the folder is the lab's own, or one of no meaning
+            value = value[0] + re.split(r"[/\\]", value[1:])[-1]
+        said = f"{_PARAMETERS.get(name, name.replace('_', ' '))} {value}"
+        return re.sub("^the ", "The ", said) if not found.start() else said
 
 
 class StepPanel(Panel):

@@ -17,7 +17,8 @@ function keys({ model, el }) {
   // What ipywidgets leaves unsaid for those who hear the page: what a slider is, what is pressed.
   const speak = () => {
     for (const box of root?.querySelectorAll(".widget-inline-hbox") ?? []) {
-      const name = box.querySelector(".widget-label")?.textContent;
+      // that of a checkbox is a sign without width; it is called after the text beside it
+      const name = box.querySelector(".widget-label")?.textContent.replace(/\u200b/g, "").trim();
       for (const handle of name ? box.querySelectorAll(".noUi-handle, input, select") : [])
         if (handle.getAttribute("aria-label") !== name) handle.setAttribute("aria-label", name);
     }

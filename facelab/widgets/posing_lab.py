@@ -2,6 +2,7 @@
 
 import contextlib
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import ipywidgets as widgets
 import numpy as np
@@ -23,7 +24,7 @@ from facelab.widgets.posing_clips import ClipPanel
 from facelab.widgets.posing_files import FilePanel
 from facelab.widgets.posing_library import StripPanel
 from facelab.widgets.posing_panels import PosePanel, ShapePanel, shade
-from facelab.widgets.step_words import pose_step
+from facelab.widgets.step_words import PINLESS, pose_step
 from facelab.widgets.thumbnail import Thumbnails
 from facelab.widgets.viewer import FaceView
 
@@ -31,6 +32,7 @@ _LOCKED, _FREE = (0.80, 0.25, 0.15), (1.0, 0.85, 0.0)
 _SIDE_BY_SIDE = 0.62  # of the size of a single view
 _GAP_SHOWN, _DISTANCE_SHOWN = 1.0, 4.0  # mm, and typical distances: where the colours end
 _HINT = "Drag: pose. Beside the face: turn. Shift: along the normal. Alt: past a pin."
+_SAME = 0.01  # mm
 _STILL = 340, 380  # pixels of the picture for where it does not run
 _NOTHING = "nothing"
 _PAINTS = {
@@ -174,6 +176,7 @@ class PosingLab(Lab):
         self.other_view = None  # of the model beside it, made when it is first wanted
         self.frame = None  # a callable that gives vertices to show in place of the session's
         self._held = self._hovered = None
+        self._made = WeakKeyDictionary()  # the entry of the log, as a list, for each state
         self._build()
         session.observe(self._follow)
         self.refresh()
@@ -219,7 +222,7 @@ class PosingLab(Lab):
         self.beside = _half([_NOTHING], "compare", "The answer of another model to the same pins")
         paints = _PAINTS if self.mesh.texture is None else {**_PAINTS, "texture": "texture"}
         self.paint = _half(paints, "colour", "What the colours of the face say")
-        self.ghost = toggle("Ghost", "The pose before the last step, pale, with the present one")
+        self.ghost = toggle("Ghost", "The pose before the last step that moved the face, pale")
         self._buttons = {
             text: button(text, tip, self._press_button)
             for text, tip in {
@@ -227,9 +230,9 @@ class PosingLab(Lab):
                 "Redo": "One step forward again",
                 "Bake pins": "Keep this pose and take the pins away",
                 "Reset": "Back to the neutral face",
-                "L → R": "The person's left half onto the right one",
-                "R → L": "The person's right half onto the left one",
-                "Swap sides": "The whole pose, left for right",
+                "L → R": "The person's left half onto the right one. The pins go",
+                "R → L": "The person's right half onto the left one. The pins go",
+                "Swap sides": "The whole pose, left for right. The pins go",
             }.items()
         }
         self.undo, self.redo, self.keep, self.reset, _, _, self.mirror = self._buttons.values()
@@ -244,13 +247,8 @@ class PosingLab(Lab):
             row(self.beside, self.paint),
             row(*self._buttons.values(), *self.last.widgets),
         ]
-        panels = {
-            "Pins": self.pose,
-            "Sliders": self.shape,
-            "Poses": self.strip,
-            "Time": self.clip,
-            "Files": self.files,
-        }
+        panels = {"Pins": self.pose, "Sliders": self.shape, "Poses": self.strip}
+        panels |= {"Time": self.clip, "Files": self.files}
         self._lay_out([self._faces], above, panels, self._reactions(), _KEYS)
         self.model_choice.observe(self._choose_model, names="value")
         self.beside.observe(self._choose_beside, names="value")
@@ -262,15 +260,10 @@ class PosingLab(Lab):
 
     def fail(self, error):
         """Show an error, give up the drag it happened in, and keep the last good pose."""
-        for view in self.views:
-            view.end_drag()
-        self._held = None
-        self.session.cancel()
         with contextlib.suppress(Exception):  # it may be the showing that failed
-            self.refresh()
-        self._after_error = (
-            "The step was made." if getattr(error, "step_made", False) else "The pose is as it was."
-        )
+            self._give_up()
+        made = getattr(error, "step_made", False)
+        self._after_error = "The step was made." if made else "The pose is as it was."
         super().fail(error)
 
     # --- what is shown ----------------------------------------------------------------------------
@@ -340,15 +333,11 @@ class PosingLab(Lab):
         if None in wanted:
             self.other_view = self._new_view(width, height, linked_to=self.view)
             wanted[1] = self.other_view
-            box = widgets.VBox(
-                [self._captions[1], self.other_view.widget],
-                layout=_growing(),
-            )
+            box = widgets.VBox([self._captions[1], self.other_view.widget], layout=_growing())
             self._faces.children = [*self._faces.children, box]
         both = len(wanted) == 2
-        for caption, name in zip(
-            self._captions, (self._model_name(), self.beside.value), strict=True
-        ):
+        names = self._model_name(), self.beside.value
+        for caption, name in zip(self._captions, names, strict=True):
             caption.value = markup("<b>{}</b>", name)
             caption.layout.display = "flex" if both else "none"
         for box in self._faces.children[1:]:
@@ -386,12 +375,14 @@ class PosingLab(Lab):
 
     @shows_errors
     def _show_ghost(self, _=None):
-        """The pose before the last step, where that is wanted."""
+        """The last other shape of the face, where that is wanted: not all steps move it."""
         session = self.session
-        wanted = self.ghost.value and session.n_undo and self.frame is None
-        before = session.history.line[session.n_undo - 1] if wanted else None
+        wanted = self.ghost.value and self.frame is None
+        steps = session.history.line[: session.n_undo][::-1] if wanted else ()
+        faces, now = map(session.vertices_in, steps), session.vertices
+        ghost = next((V for V in faces if np.abs(V - now).max() > _SAME), None)
         for view, _ in self._answers:
-            view.show_ghost(None if before is None else session.vertices_in(before))
+            view.show_ghost(ghost)
 
     def _color(self):
         for view, session in self._answers:
@@ -428,20 +419,30 @@ class PosingLab(Lab):
     def step_words(self, before, after):
         """What a step did, in words."""
         names = {id(model): name for name, model in self.models.items()}
-        return pose_step(before, after, self.name_of, names)
+        return pose_step(before, after, self.name_of, names, *self._made.get(after, ()))
 
     def _follow(self, what):
         """The session has changed, by this lab, another one, or a script."""
         try:
             if what == "step":
                 self.frame = self.clip.frame if self.clip.over_pose else None
-                self.refresh()
+                self._note_step()
                 self.last.keep()
             elif self._held is None:
                 self.show()
+            elif not self.session.dragging:  # undo, here or elsewhere
+                self._give_up()
         except Exception as error:
             error.step_made = what == "step"
             self.fail(error)
+
+    def _note_step(self):
+        session = self.session
+        act = session.log[-1:]
+        self._made.setdefault(session.state, act)
+        self.refresh()
+        if act and act[0]["do"] in PINLESS and session.history.line[session.n_undo - 1].pins:
+            self.say("The pins are gone: this pose is kept as it is.")
 
     # --- the mouse --------------------------------------------------------------------------------
 
@@ -527,10 +528,8 @@ class PosingLab(Lab):
     def _reactions(self):
         session = self.session
         return {
-            "z": session.undo,
-            "Ctrl+z": session.undo,
-            "y": session.redo,
-            "Ctrl+y": session.redo,
+            **dict.fromkeys(("z", "Ctrl+z"), session.undo),
+            **dict.fromkeys(("y", "Ctrl+y"), session.redo),
             "k": session.keep,
             "f": session.mirror,
             "m": self._next_model,
@@ -539,7 +538,7 @@ class PosingLab(Lab):
             "n": lambda: self.pose.along.set_trait("value", not self.pose.along.value),
             "h": lambda: self._at_hovered(session.hold),
             "l": lambda: self._at_hovered(self.pose.toggle_lock),
-            "x": lambda: self._at_hovered(session.remove_pin),
+            **dict.fromkeys(("x", "Delete"), lambda: self._at_hovered(self.pose.remove_pin)),
             "p": self.strip.add,
             **{k: lambda way=way: self.view.look_from(way) for k, way in _VIEWS.items()},
             "Space": self.clip.toggle,
@@ -548,7 +547,7 @@ class PosingLab(Lab):
 
     def _at_hovered(self, action):
         if self._hovered is None:
-            raise ValueError("no point of the face is under the mouse; move it there first.")
+            raise ValueError("no point of the face is under the mouse; move it, or Tab to a pin.")
         action(self._hovered)
 
     def _next_model(self):
@@ -590,6 +589,7 @@ _KEYS = {
     "H": "hold the point",
     "L": "lock it",
     "X": "remove its pin",
+    "Delete": "remove it",
     "P": "pose to the library",
     "1": "from the front",
     "2": "from the left",

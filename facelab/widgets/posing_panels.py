@@ -81,6 +81,13 @@ class PosePanel(Panel):
         """Lock a pin, or free it; a vertex without one is pinned where it is, and locked."""
         self.pin_list.toggle_lock(vertex)
 
+    def remove_pin(self, vertex):
+        """Remove the pin under the mouse, or the one that Tab has chosen."""
+        if vertex not in self.session.pins:
+            known = ", ".join(item["name"] for item in self.pins.items) or "none"
+            raise ValueError(f"the point under the mouse is not pinned; pinned are: {known}.")
+        self.session.remove_pin(vertex)
+
     @shows_errors
     def _slide(self, change):
         if not self.settling:
@@ -166,16 +173,19 @@ class ShapePanel(Panel):
             names, shares = session.mold_names(region), session.shares(region)
             moved = session.moved_by(region)
             self._reach = np.linalg.norm(moved, axis=2).max(axis=1)
-            said = []
-            for k, name in enumerate(names):
-                does = places.motion(moved[k])
+            said, seen = [], []
+            for k, name in enumerate(names):  # those of a rig say themselves what they are for
+                does = places.motion(moved[k], literal=session.model.named)
                 tip = f"{name}: {does}, {self._reach[k]:.1f} mm".replace(": ,", ":")
                 if shares is not None:
-                    tip += f" for one standard deviation; {shares[k]:.0%} of the region's motion"
+                    share = _percent(shares[k])
+                    tip += f" for one standard deviation; {share} of the region's motion"
                     side = self._names[region].split(" ")[-1]  # said by the region's own name
                     does = " ".join(w for w in does.split(" ") if w != side)
-                    name = f"{does or name}, {100 * shares[k]:.0f}\u00a0%"
-                said.append((name, tip))
+                    name = f"{does or name}, {share}"
+                seen.append(name)
+                n = seen.count(name)
+                said.append((f"{name} ({n})" if n > 1 else name, tip))
             self._said[region] = said, self._reach
         return self._said[region][0]
 
@@ -233,6 +243,13 @@ class ShapePanel(Panel):
     @shows_errors
     def _reset(self, _):
         self.session.reset_region(self.region)
+
+
+def _percent(share):
+    """A share in per cent, below one with one digit that counts."""
+    share = 100 * float(share)
+    low = np.format_float_positional(share, precision=1, fractional=False, trim="-")
+    return f"{low if share < 1 else round(share)}\u00a0%"
 
 
 def _scale(text, tip, low, high, first=()):

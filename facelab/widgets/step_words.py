@@ -4,8 +4,13 @@ import numpy as np
 
 from facelab.looks.gaze import look_units
 
+PINLESS = "mirror", "copy_side"
+"""Edits that take all pins away, which their buttons do not ask for."""
+_BUTTONS = {"reset": "reset", "keep": "pins baked", "mirror": "swap sides"}
+_SIDES = {"left": "L → R", "right": "R → L"}
 
-def pose_step(before, after, name_of, models):
+
+def pose_step(before, after, name_of, models, edit=None):
     """What led from one `PoseState` to the next.
 
     Parameters
@@ -15,11 +20,18 @@ def pose_step(before, after, name_of, models):
         Gives the name of a vertex.
     models : dict of int to str
         Names of models by their id.
+    edit : dict, optional
+        The entry of the log for it, which tells apart what the states do not.
     """
+    edit = edit or {"do": ""}
+    said = _edit_words(edit, name_of)
+    if said:
+        pins_gone = edit["do"] in PINLESS and before.pins
+        return f"{said}, pins off" if pins_gone else said
     if before.model is not after.model:
         return f"model: {models.get(id(after.model), 'another')}"
     pulled = [v for v, t in after.pins.items() if not np.array_equal(t, before.pins.get(v))]
-    if pulled:
+    if pulled and edit["do"] != "set_pin":
         twin = " and its twin" if len(pulled) == 2 else ""
         return f"pull {name_of(pulled[0])}{twin}" if len(pulled) < 3 else f"{len(pulled)} pins"
     gone = [v for v in before.pins if v not in after.pins]
@@ -30,12 +42,10 @@ def pose_step(before, after, name_of, models):
             return f"{text} {getattr(after, name):.3g}"
     if before.limit != after.limit:
         return "stay natural" + ("" if after.limit else " no more")
-    for name, text in (
-        ("locked", "lock"), ("hidden", "hide"), ("called", "name"), ("weights", "weight of")
-    ):  # fmt: skip
-        a, b = getattr(before, name), getattr(after, name)
-        if a != b:
-            return f"{text} {name_of(_differing(a, b))}"
+    for name, verbs in _PIN_VERBS.items():
+        said = _pin_words(*(getattr(state, name) for state in (before, after)), verbs, after.pins)
+        if said:
+            return f"{said[0]} {name_of(said[1])}"
     if before.gaze != after.gaze and np.array_equal(before.coefficients, after.coefficients):
         return "eyes"
     if not gone and not np.array_equal(before.molded, after.molded):
@@ -43,6 +53,20 @@ def pose_step(before, after, name_of, models):
     if np.array_equal(before.coefficients, after.coefficients):
         return "pins baked"
     return "another pose" if after.coefficients.any() else "reset"
+
+
+def _edit_words(edit, name_of):
+    """What an edit did, where its entry in the log alone says that; else None."""
+    do = edit["do"]
+    if do == "copy_side":
+        return _SIDES[edit["side"]]
+    if do == "mirror_pin":
+        return f"mirror pin {name_of(edit['vertex'])}"
+    if do == "set_pin" and edit.get("target") is not None:
+        return f"target of {name_of(edit['vertex'])}"
+    if do == "set_pin" and edit.keys() <= {"t", "do", "vertex", "target"}:
+        return f"hold {name_of(edit['vertex'])}"
+    return _BUTTONS.get(do)
 
 
 def _only_looks(before, after):
@@ -69,10 +93,11 @@ def expression_step(before, after, name_of):
         if getattr(before, name) != getattr(after, name):
             value = getattr(after, name)
             return f"{text} {value:.3g}" if name == "lam" else f"{text} {value}"
-    for name, text in (("hidden", "hide"), ("called", "name")):
+    for name in ("hidden", "called"):
         a, b = getattr(before, name), getattr(after, name)
-        if a != b:
-            return f"{text} {name_of(_differing(a, b))}"
+        said = _pin_words(a, b, _PIN_VERBS[name], after.pulls)
+        if said:
+            return f"{said[0]} {name_of(said[1])}"
     return "setting"
 
 
@@ -86,8 +111,16 @@ def _units_step(before, after):
     return f"free {freed[0]}" if len(freed) == 1 else "free all"
 
 
-def _differing(a, b):
-    """A key, or member, of two mappings, or sets, that are not the same."""
-    if isinstance(a, frozenset):
-        return next(iter(a ^ b))
-    return next(v for v in {**a, **b} if a.get(v) != b.get(v))
+_PIN_VERBS = {  # for one that is there now, and for one that is there no more
+    "locked": ("lock", "unlock"), "hidden": ("hide", "show"),
+    "called": ("name", "name off"), "weights": ("weight of", "weight of"),
+}  # fmt: skip
+
+
+def _pin_words(before, after, verbs, pins):
+    """The verb and the first of the pins that two sets, or mappings, do not agree on; or None."""
+    for v in pins:
+        had, has = (v in x and (isinstance(x, frozenset) or x[v]) for x in (before, after))
+        if had != has:
+            return verbs[not has], v
+    return None

@@ -125,11 +125,20 @@ def test_another_sketch_is_loaded_pulled_and_a_bad_one_refused_in_the_page(page_
     at = lab.run("", p=f"lab.sketch_view.project(session.sketch[[{vertex}]])[0].tolist()")["p"]
     box = sketch.bounding_box()
     x, y = box["x"] + at[0] * box["width"], box["y"] + at[1] * box["height"]
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x, y + 12, steps=6)
-    page.mouse.up()
-    lab.settle()
+    for key in ("Escape", "z", None):
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x, y + 12, steps=6)
+        wait_until(lab, "session.state.origin == 'pulled by hand'")
+        if key:
+            page.keyboard.press(key)
+            wait_until(lab, "not lab.sketch_view.dragging")
+            page.mouse.move(x, y + 18, steps=3)
+        page.mouse.up()
+        lab.settle()
+        if key:
+            assert lab.run("", o="session.state.origin")["o"] == "second"
+            np.testing.assert_array_equal(state(lab)[2], V)
     assert lab.run("", o="session.state.origin")["o"] == "pulled by hand"
     expect(page.get_by_text("sketch has shape")).not_to_be_visible()
     assert np.abs(state(lab)[1] - w).max() > 0.01, "the units should have followed the pull"

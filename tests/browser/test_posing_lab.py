@@ -252,6 +252,38 @@ def test_tab_goes_from_pin_to_pin_arrows_move_it_and_both_eyes_turn_by_their_sli
     snapshot(fresh, "gaze")
 
 
+def test_keys_work_on_the_pin_that_tab_has_chosen_wherever_the_mouse_is(fresh):
+    page, press = fresh.page, fresh.page.keyboard.press
+    fresh.run(
+        "ends = [face.landmarks[name] for name in ('mouth_corner_left', 'brow_left_3')]\n"
+        "for v in ends: session.pull(v, session.vertices[v] + [0, 2, 0])"
+    )
+    page.locator("canvas").first.focus()
+    press("Tab")
+    ((x, y),) = on_page(fresh, vertices(fresh)[landmark(fresh, "nose_tip")])
+    page.mouse.move(x, y)
+    fresh.settle()
+    press("l")
+    wait_until(fresh, "session.locked == {ends[0]}")
+    press("l")
+    wait_until(fresh, "not session.locked")
+    press("Delete")
+    wait_until(fresh, "list(session.pins) == ends[1:]")
+    page.mouse.move(x + 30, y)
+    fresh.settle()
+    press("x")
+    expect(page.locator(".facelab-error")).to_contain_text("not pinned; pinned are: brow left")
+    press("Escape")
+
+
+def test_checkboxes_and_sliders_are_called_after_the_text_beside_them(fresh):
+    page = fresh.page
+    show_tab(fresh, "Files")
+    expect(page.get_by_role("checkbox", name="eyes and teeth")).to_have_count(1)
+    page.get_by_role("button", name="GLB").first.wait_for()
+    assert page.locator("[aria-label='\u200b']").count() == 0
+
+
 TURN_AT_ONCE = """([clientX, clientY]) => {
   const canvas = document.querySelector(".facelab-face canvas");
   const there = { clientX, clientY, bubbles: true, cancelable: true };

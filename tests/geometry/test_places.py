@@ -149,3 +149,16 @@ def test_a_motion_is_called_after_what_moves_most_and_where_it_goes(face, places
     assert places.motion(x) == said
     assert places.motion(mirrored(x, places.partners)) == mirrored_name(said)
     assert places.motion(0 * x) == ""
+
+
+@pytest.mark.parametrize(
+    ("mark", "by", "said", "literal"),
+    [
+        ("chin", (0, -9, 0), "jaw open", "chin down"),
+        ("chin", (0, 9, 0), "jaw shut", "chin up"),
+        ("eye_left_upper_inner", (0, -9, 0), "eye left closed", "eyelid upper left down"),
+    ],
+)
+def test_a_motion_is_called_in_a_phrase_or_literally(face, places, mark, by, said, literal):
+    x = push(face, (mark, by))
+    assert places.motion(x) == said and places.motion(x, literal=True) == literal

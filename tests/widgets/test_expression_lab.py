@@ -222,6 +222,43 @@ def test_a_posed_sketch_is_pulled_by_its_model_and_undone_with_it(lab, posing):
     np.testing.assert_allclose(lab.session.sketch, posing.vertices, atol=1e-9)
 
 
+@pytest.mark.parametrize("how", ["Escape", "z", "button"])
+@pytest.mark.parametrize("source", ["planted", "posed"])
+def test_a_pull_is_given_up_for_good_and_all_is_as_before(lab, posing, source, how):
+    if source == "posed":
+        lab.source.value = source
+    drag(lab, 40, [0.0, 0, 4])
+    let_go(lab)
+    lab.session.set(alpha=1.5)
+    lab.session.undo()
+    before, line = lab.session.state, lab.session.history.line
+    posed, steps = posing.state, posing.history.line
+    drag(lab, 17, [0.0, 0, 8])
+    assert lab.session.state is not before
+    if how == "button":
+        lab.undo.click()
+    else:
+        lab.keys._handle_custom_msg({"key": how}, [])
+    assert not lab.sketch_view.dragging and shows_the_session(lab)
+    move(lab.sketch_view, [0.0, 0, 9])
+    let_go(lab)
+    assert lab.session.state is before and lab.session.history.line == line
+    assert posing.state is posed and posing.history.line == steps and not posing.dragging
+    drag(lab, 17, [0.0, 0, 8])
+    let_go(lab)
+    assert lab.session.history.line == [*line[:-1], lab.session.state], "and it is pulled again"
+
+
+def test_a_pull_that_fails_on_its_way_leaves_sketch_and_pose_as_they_were(lab, posing, monkeypatch):
+    lab.source.value = "posed"
+    before = lab.session.state
+    drag(lab, 17, [0.0, 0, 3])
+    monkeypatch.setattr(lab.session, "load", lambda *_, **__: 1 / 0)
+    move(lab.sketch_view, [0.0, 0, 5])
+    assert "ZeroDivisionError" in lab._message.value and lab.session.state is before
+    np.testing.assert_array_equal(lab.session.sketch, posing.vertices)
+
+
 def test_a_pose_pulled_elsewhere_is_followed(lab, posing):
     posing.drag(30, posing.neutral.vertices[30] + [0, 0, 5])
     assert lab.session.state.origin == "planted", "only once it is the sketch"

@@ -127,7 +127,7 @@ def test_steps_are_told_in_words_and_a_click_goes_to_one(lab):
     session.slide(0, 1, 0.5)
     said = [row["name"] for row in reversed(lab.steps.list.items)]
     assert said[:5] == [
-        *("the start", "pull nose tip", "Regions agree β 0.25", "lock nose tip", "lock nose tip"),
+        *("the start", "pull nose tip", "Regions agree β 0.25", "lock nose tip", "unlock nose tip"),
     ]
     assert said[-2:] == ["model: rig", "slider"]
     press(lab.steps.list, "choose", 1)
@@ -176,13 +176,37 @@ def test_sliders_of_a_rig_show_what_pins_made_and_are_sorted_by_what_they_do(lab
 
 
 def test_a_component_says_what_it_moves_and_how_much(lab, monkeypatch):
-    monkeypatch.setattr(lab.places, "motion", lambda x: f"moved {np.abs(x).max() > 0}")
+    monkeypatch.setattr(lab.places, "motion", lambda x, literal: f"moved {np.abs(x).max() > 0}")
     lab.shape._said = {}
     lab.refresh()
     said = [item["name"] for item in lab.shape.sliders.items]
-    shares = [int(re.fullmatch(r"moved True, (\d+)\u00a0%", text)[1]) for text in said]
+    shares = [float(re.match(r"moved True, ([\d.]+)\u00a0%", text)[1]) for text in said]
     assert shares == sorted(shares, reverse=True) and 97 <= sum(shares) <= 103
     assert "mm for one standard deviation" in lab.shape.sliders.items[0]["tip"]
+
+
+def test_names_of_components_tell_them_apart(lab, monkeypatch):
+    shares = np.array([0.9, 0.08, 0.0126, 0.0034, 0.0033, 0.000024])
+    monkeypatch.setattr(lab.session, "shares", lambda _: shares)
+    monkeypatch.setattr(lab.places, "motion", lambda *_, **__: "lip up")
+    lab.shape._said = {}
+    said = [name.replace("\u00a0", " ") for name, _ in lab.shape.slider_names(0)]
+    assert said == [
+        *("lip up, 90 %", "lip up, 8 %", "lip up, 1 %", "lip up, 0.3 %", "lip up, 0.3 % (2)"),
+        "lip up, 0.002 %",
+    ]
+
+
+def test_what_a_unit_of_a_rig_moves_is_said_literally(lab, expression, monkeypatch):
+    said = lambda x, literal=False: "chin up" if literal else "jaw shut"  # noqa: E731
+    for each in (lab, expression):
+        monkeypatch.setattr(each.places, "motion", said)
+    lab.shape._said = {}
+    assert "jaw shut" in lab.shape.slider_names(0)[0][1]
+    lab.session.use(lab.models["rig"])
+    assert "jawOpen: chin up" in lab.shape.sliders.items[0]["tip"]
+    expression._build_parts()
+    assert "jawOpen: chin up" in expression.bars.units[0]["tip"]
 
 
 @pytest.fixture(scope="module")
@@ -241,7 +265,81 @@ def test_half_a_face_is_mirrored_by_button(lab):
     lab._buttons["R → L"].click()
     x = lab.session.vertices - lab.session.neutral.vertices
     assert "bake" in lab._buttons["Bake pins"].tooltip.lower() or lab._message.value == ""
-    assert lab.steps.list.items[0]["name"] == "another pose" and np.abs(x).max() > 0.1
+    assert lab.steps.list.items[0]["name"] == "R → L, pins off" and np.abs(x).max() > 0.1
+
+
+def test_what_takes_the_pins_away_says_so_before_and_after(lab):
+    for name in ("L → R", "R → L", "Swap sides"):
+        button = lab._buttons[name]
+        assert "pins go" in button.tooltip
+        pull(lab.session, 90, [1.0, 0, 4])
+        assert "pins are gone" not in lab._status.value
+        button.click()
+        assert "The pins are gone: this pose is kept as it is." in lab._status.value
+        lab.undo.click()
+        assert "pins are gone" not in lab._status.value and lab.session.pins
+
+
+def test_steps_tell_apart_what_leads_to_states_alike(lab):
+    session, steps = lab.session, lab.steps
+    pull(session, 17, [0, 0, 3.0])
+    for edit, said in (
+        (lambda: session.set_pin(17, session.pins[17] + 1), "target of nose tip"),
+        (lambda: session.hold(90), "hold vertex 90"),
+        (lambda: session.set_pin(17, hidden=True), "hide nose tip"),
+        (lambda: session.set_pin(17, hidden=False), "show nose tip"),
+        (lambda: session.set_pin(17, hidden=True), "hide nose tip"),
+        (lambda: session.set_pin(17, name="tip"), "name nose tip"),
+        (lambda: session.set_pin(17, weight=10), "weight of nose tip"),
+        (lambda: session.set_pin(11, locked=True), "lock vertex 11"),
+        (session.mirror, "swap sides, pins off"),
+        (session.mirror, "swap sides"),
+        (lambda: session.copy_side("left"), "L → R"),
+        (lambda: pull(session, 17, [0, 0, 3.0]), "pull nose tip"),
+        (lambda: session.set_pin(17, hidden=True, name="tip"), "hide nose tip"),
+        (session.reset, "reset"),
+        (lambda: session.slide(0, 0, 1.0), "slider"),
+        (session.reset, "reset"),
+    ):
+        edit()
+        assert steps.list.items[0]["name"] == said
+    told = [row["name"] for row in steps.list.items]
+    lab.session.history.go(3)
+    assert [row["name"] for row in steps.list.items] == told
+
+
+def test_a_mirrored_pin_is_no_pull_in_the_steps(parts):
+    model, rig = parts
+    partners = np.arange(rig.n_vertices)
+    partners[[17, 18]] = 18, 17
+    lab = PosingLab(PosingSession(model, rig.neutral, partners=partners))
+    pull(lab.session, 17, [0, 0, 3.0])
+    lab.session.mirror_pin(17)
+    assert lab.steps.list.items[0]["name"] == "mirror pin nose tip"
+
+
+def test_steps_made_before_the_lab_are_told_from_their_states(parts):
+    model, rig = parts
+    session = PosingSession(model, rig.neutral)
+    pull(session, 17, [0, 0, 3.0])
+    session.set_pin(17, hidden=True, name="tip")
+    session.set_pin(17, hidden=False)
+    session.reset()
+    said = [row["name"] for row in PosingLab(session).steps.list.items]
+    assert said == ["reset", "show nose tip", "hide nose tip", "pull nose tip", "the start"]
+
+
+def test_the_ghost_is_of_the_last_step_that_moved_the_face(lab):
+    lab.ghost.value = True
+    lab.session.set(beta=0.3)
+    assert lab.view._ghost is None or not lab.view._ghost.visible, "nothing has moved yet"
+    before = lab.session.vertices
+    pull(lab.session, 17, [0, 0, 4.0])
+    lab.session.set_pin(17, hidden=True)
+    lab.session.set_pin(17, name="tip")
+    at = lab.view._ghost.geometry.attributes["position"].array
+    assert lab.view._ghost.visible
+    np.testing.assert_allclose(at, before, atol=1e-4)
 
 
 def test_the_ghost_is_the_pose_before_the_last_step(lab):
@@ -601,6 +699,47 @@ def test_errors_speak_of_points_and_buttons_and_not_of_arguments(lab):
     said = lab._message.value
     assert "nose tip is a locked pin; unlock it first" in said
     assert "set_pin" not in said and "vertex=" not in said and "ValueError" not in said
+
+
+@pytest.mark.parametrize(
+    "error, said",
+    [
+        ("path='/tmp/x/nosuffix': end it in .csv.", "The file 'nosuffix': end it in .csv."),
+        (
+            'path="it\'s.json": there is no such file.',
+            'The file "it\'s.json": there is no such file.',
+        ),
+        ("it is path='a.json'.", "it is the file 'a.json'."),
+        ("name is empty; write one.", "The name is empty; write one."),
+        ("name has 61 letters; give 60.", "The name has 61 letters; give 60."),
+        ("name='../a' leads out.", "The name '../a' leads out."),
+        ("alpha=-1 is below 0.", "α -1 is below 0."),
+    ],
+)
+def test_files_and_names_are_called_so_in_errors(lab, error, said):
+    assert lab.in_words(ValueError(error)) == said
+
+
+@pytest.mark.parametrize(
+    "act, said",
+    [
+        (lambda lab: lab.files.load.click(), "The file &#39;nothere.json&#39;: there is no such"),
+        (lambda lab: lab.files.load_clip.click(), "The file &#39;nothere.clip.json&#39;: there is"),
+    ],
+)
+def test_a_file_that_is_not_there_is_told_as_a_file(lab, act, said):
+    lab.files.name.value = "nothere"
+    act(lab)
+    assert said in lab._message.value
+
+
+def test_what_cannot_be_written_is_told_as_a_file(expression):
+    expression.file.value = "nosuffix"
+    expression.save.click()
+    assert "The file &#39;nosuffix&#39;: end it in .csv" in expression._message.value
+    expression.file.value = ""
+    expression.save.click()
+    assert "The name is empty; write a file name." in expression._message.value
 
 
 def test_a_fault_of_our_own_is_told_as_one_with_its_place(lab, monkeypatch):

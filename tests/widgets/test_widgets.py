@@ -107,8 +107,8 @@ def test_where_the_pose_is_not_affine_the_page_solves_and_draws_the_same(lab, ho
     else:
         lab.pose.limit.value = True
         assert lab.session.limit == 3
-    before = lab.view._position.array
     for offset in ([2.0, 1.0, 3.0], [0, 0, 12.0]):
+        before = lab.view._position.array
         drag(lab, 17, offset)
         moved = lab.session.vertices
         assert np.abs(moved - lab.session.neutral.vertices).max() > 0.1
@@ -593,6 +593,35 @@ def test_escape_gives_up_a_drag(lab):
     assert not lab.session.pins
 
 
+@pytest.mark.parametrize("how", ["key", "button", "session"])
+def test_undo_gives_up_a_drag_for_good_and_undoes_nothing_else(lab, how):
+    pull(lab, 90, [0, 0, 2.0])
+    before = lab.session.vertices
+    drag(lab, 17, [2.0, 1, 3])
+    {
+        "key": lambda: press_key(lab, "z"),
+        "button": lab.undo.click,
+        "session": lab.session.undo,
+    }[how]()
+    assert not lab.view.dragging
+    move(lab.view, [3.0, 1, 3])
+    np.testing.assert_allclose(drawn(lab.view), before, atol=1e-4)
+    let_go(lab.view)
+    assert list(lab.session.pins) == [90] and lab.session.n_undo == 1
+
+
+@pytest.mark.parametrize("key", ["x", "Delete"])
+def test_the_pin_of_the_point_is_removed_by_key_and_what_is_none_is_told_by_name(lab, key):
+    lab.session.pull(17, lab.session.neutral.vertices[17] + [0, 0, 2.0])
+    lab.session.set_pin(17, name="tip")
+    hover(lab.view, 18)
+    press_key(lab, key)
+    assert "the point under the mouse is not pinned; pinned are: tip." in lab._message.value
+    hover(lab.view, 17)
+    press_key(lab, key)
+    assert not lab.session.pins and lab._message.value == ""
+
+
 def test_a_key_that_wants_a_point_says_so_where_there_is_none(lab):
     press_key(lab, "h")
     assert "no point of the face" in lab._message.value
@@ -808,7 +837,7 @@ def test_playing_without_keys_and_files_without_a_name_are_refused_in_words(lab)
     assert "no clip yet" in lab._message.value
     lab.files.name.value = " "
     lab.files.save.click()
-    assert "name is empty" in lab._message.value
+    assert "The name is empty" in lab._message.value
 
 
 def test_the_lab_refuses_what_is_no_session_and_models_without_the_session_s_own(lab):
