@@ -424,14 +424,14 @@ class PosingLab(Lab):
     def _follow(self, what):
         """The session has changed, by this lab, another one, or a script."""
         try:
+            if self._held is not None and not self.session.dragging:  # undo, here or elsewhere
+                self._give_up()
             if what == "step":
                 self.frame = self.clip.frame if self.clip.over_pose else None
                 self._note_step()
                 self.last.keep()
             elif self._held is None:
                 self.show()
-            elif not self.session.dragging:  # undo, here or elsewhere
-                self._give_up()
         except Exception as error:
             error.step_made = what == "step"
             self.fail(error)

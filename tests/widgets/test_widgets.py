@@ -610,6 +610,18 @@ def test_undo_gives_up_a_drag_for_good_and_undoes_nothing_else(lab, how):
     assert list(lab.session.pins) == [90] and lab.session.n_undo == 1
 
 
+def test_redo_gives_up_a_drag_for_good_too(lab):
+    pull(lab, 90, [0, 0, 2.0])
+    redone = lab.session.vertices
+    lab.session.undo()
+    drag(lab, 17, [2.0, 1, 3])
+    press_key(lab, "y")
+    move(lab.view, [3.0, 1, 3])
+    let_go(lab.view)
+    np.testing.assert_allclose(drawn(lab.view), redone, atol=1e-4)
+    assert list(lab.session.pins) == [90] and lab.session.n_undo == 1
+
+
 @pytest.mark.parametrize("key", ["x", "Delete"])
 def test_the_pin_of_the_point_is_removed_by_key_and_what_is_none_is_told_by_name(lab, key):
     lab.session.pull(17, lab.session.neutral.vertices[17] + [0, 0, 2.0])
