@@ -3,63 +3,78 @@
 A solve with 390 unknowns takes 0.8 ms on one thread of a machine with two, 8 ms on both.
 """
 
+import functools
 import os
 import threading
+import weakref
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ContextDecorator
 
 import scipy.linalg  # noqa: F401  loads its BLAS: only what is loaded is found
 import sklearn.utils  # noqa: F401  loads its OpenMP
 from threadpoolctl import OpenBLASController, ThreadpoolController
 
-_libraries = ThreadpoolController()  # to look for them anew takes 2 ms each time
-_blas, _openmp = (_libraries.select(user_api=name) for name in ("blas", "openmp"))
 
+class _Limit:
+    """Holds libraries to one thread while anybody is inside.
 
-class _OneThread(ContextDecorator):
-    """What `one_thread` gives: any number of threads may be within, one inside another too.
-
-    BLAS has one limit for all of them, set by the first that comes and lifted by the last that
-    goes: were each to restore what it found, threads that overlap would leave the limit behind.
-    OpenMP has one for each thread.
+    Who is inside is held weakly, and what there was before is kept until it is restored: so nothing
+    is left behind where a cell is interrupted on its way in or out.
     """
 
-    def __init__(self):
-        self._lock, self._inside, self._before = threading.Lock(), 0, None
-        self._own = threading.local()
+    def __init__(self, libraries):
+        self._libraries, self._inside, self._before = libraries, weakref.WeakSet(), None
+
+    def enter(self, who):
+        """Limit the libraries."""
+        self._before = self._before or self._libraries.info()
+        first = not self._inside
+        self._inside.add(who)
+        if first:
+            self._libraries.limit(limits=1)
+
+    def leave(self, who):
+        """Give the libraries the threads that they had, unless somebody else is inside."""
+        self._inside.discard(who)
+        if not self._inside and self._before:
+            # threadpoolctl lets no thread lift what another has set
+            OpenBLASController.clear_controlling_thread(force=True)
+            self._libraries.limit(limits=self._before)
+            OpenBLASController.clear_controlling_thread(force=True)
+            self._before = None
+
+
+_libraries = ThreadpoolController()  # to look for them anew takes 2 ms each time
+_lock, _blas = threading.Lock(), _Limit(_libraries.select(user_api="blas"))
+_own = threading.local()  # OpenMP counts for each thread
+
+
+class one_thread:
+    """Context in which BLAS and OpenMP work on one thread; of any number of threads at a time."""
 
     def __enter__(self):
-        own = vars(self._own)
-        own["depth"] = own.get("depth", 0) + 1
-        if own["depth"] == 1:
-            own["openmp"] = _openmp.limit(limits=1)
-            with self._lock:
-                if not self._inside:
-                    self._before = _blas.limit(limits=1)
-                self._inside += 1
+        if not hasattr(_own, "openmp"):
+            _own.openmp = _Limit(_libraries.select(user_api="openmp"))
+        self._openmp = _own.openmp
+        self._openmp.enter(self)
+        with _lock:
+            _blas.enter(self)
         return self
 
     def __exit__(self, *_):
-        own = vars(self._own)
-        own["depth"] -= 1
-        if not own["depth"]:
-            own["openmp"].restore_original_limits()
-            with self._lock:
-                self._inside -= 1
-                if not self._inside:
-                    # threadpoolctl lets no thread lift what another has set
-                    OpenBLASController.clear_controlling_thread(force=True)
-                    self._before.restore_original_limits()
-                    OpenBLASController.clear_controlling_thread(force=True)
+        with _lock:
+            _blas.leave(self)
+        self._openmp.leave(self)
 
 
-single_threaded = _OneThread()
-"""Decorator for a function that works within `one_thread`."""
+def single_threaded(function):
+    """Decorator for a function that works within `one_thread`."""
 
+    @functools.wraps(function)
+    def alone(*args, **kwargs):
+        with one_thread():
+            return function(*args, **kwargs)
 
-def one_thread():
-    """Context in which BLAS and OpenMP work on one thread."""
-    return single_threaded
+    return alone
 
 
 _MOST = 4

@@ -198,7 +198,7 @@ class ExpressionLab(Lab):
         reactions = {
             **dict.fromkeys(("z", "Ctrl+z"), self.undo.click),
             **dict.fromkeys(("y", "Ctrl+y"), self.redo.click),
-            "b": self.best.click,
+            "b": lambda: self._pulling or self.best.click(),
             "Escape": self._give_up,
         }
         self._lay_out([self._views, curve], above, panels, reactions, _KEYS)

@@ -182,6 +182,7 @@ class Hand {
     on(stage, "pointermove", this.move, capture);
     on(stage, "pointerup", this.up, capture);
     on(stage, "pointercancel", this.up, capture);
+    on(stage, "lostpointercapture", this.lost, capture);
     on(stage, "pointerleave", () => this.hover(null));
     on(stage, "focusout", () => this.choose(null));
     // what the hand has taken does not turn the camera
@@ -198,7 +199,10 @@ class Hand {
     const heard = {
       "msg:custom": (message, buffers) => this.answer(message, buffers),
       "change:settled": () => this.settle(this.model.get("settled")),
-      "change:pins": redraw,
+      "change:pins": () => {
+        if (!this.drag && !this.pinned().includes(this.chosen)) this.choose(null); // it is gone
+        redraw();
+      },
       "change:size": () => this.fit(),
     };
     for (const [name, react] of Object.entries(heard)) {
@@ -226,9 +230,9 @@ class Hand {
   tint() {
     const dark = document.body.dataset.jpThemeLight === "false";
     this.el.classList.toggle("facelab-dark", dark);
-    const { background } = this.view.scene;
-    this.light ??= background.getStyle();
-    background.set(dark ? "#26282b" : this.light);
+    const { scene } = this.view; // of all views of this face
+    scene.userData.light ??= scene.background.getStyle();
+    scene.background.set(dark ? "#26282b" : scene.userData.light);
     this.view.tick();
   }
 
@@ -462,6 +466,7 @@ class Hand {
       return;
     }
     if (event.pointerId !== this.grip.pointer) return;
+    if (!event.buttons) return this.lost(event);
     this.pull(this.offsetAt(event));
     this.say(this.nameOf(this.drag.vertex), event);
   }
@@ -485,6 +490,13 @@ class Hand {
     this.letGo();
     this.taken = false;
     this.hover(event);
+  }
+
+  // The button went up where the page did not hear of it.
+  lost(event) {
+    if (!this.drag || this.stepping || event.pointerId !== this.grip.pointer) return;
+    this.letGo();
+    this.taken = false;
   }
 
   letGo() {

@@ -9,6 +9,7 @@ import ipywidgets as widgets
 from facelab.expression.landmarks import guess_landmarks
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.places import FacePlaces
+from facelab.widgets.in_touch import keep_free
 from facelab.widgets.page import Page, markup, shows_errors
 from facelab.widgets.parts import ROOT, ItemList, Keys
 
@@ -60,6 +61,7 @@ class Lab(Page):
         stage.add_class("facelab-stage")
         self._panel.add_class("facelab-side")
         self.widget.children = [stage, self._panel]
+        keep_free(self.widget)
 
     @shows_errors
     def _settle(self):

@@ -1,5 +1,6 @@
 """The pose of last time: kept at each step that is made in the page, offered when it opens anew."""
 
+import itertools
 from datetime import datetime
 from pathlib import Path
 
@@ -22,7 +23,7 @@ class LastPose(Panel):
     Attributes
     ----------
     path : Path
-        The file, one for each face.
+        The file, one for each face and the models at hand: what others cannot take up is theirs.
     state : PoseState or None
         What was found when the lab opened; it stays at hand when the file has another one.
     widgets : list
@@ -31,14 +32,20 @@ class LastPose(Panel):
 
     def _build(self):
         faces = fingerprint(self.lab.mesh)["sizes"][-1]
-        self.path = Path(self.lab.folder) / f"face-{faces[:6]}{ENDING}"
         self.state, when = None, ""
-        try:
-            poses, _ = load_library(self.path, self.session, self.lab.models)
-            self.state = poses.get(_NAME)
-            when = datetime.fromtimestamp(self.path.stat().st_mtime).strftime("%d %b, %H:%M")
-        except (OSError, ValueError):
-            pass  # there is none, or one that cannot be taken up here
+        for k in itertools.count(1):
+            name = f"face-{faces[:6]}{f'-{k}' * (k > 1)}{ENDING}"
+            self.path = Path(self.lab.folder) / name
+            if not self.path.exists():
+                break
+            try:
+                poses, _ = load_library(self.path, self.session, self.lab.models)
+            except (OSError, ValueError):
+                continue  # of another face with the same triangles, or damaged
+            if _NAME in poses:  # not if it is of another model
+                self.state = poses[_NAME]
+                when = datetime.fromtimestamp(self.path.stat().st_mtime).strftime("%d %b, %H:%M")
+                break
         tip = "The pose that this face had when it was last posed in a page"
         found = self.state is not None and not self.state.same(self.session.state)
         self.widgets = [button(f"Back to the pose of {when}", tip, self._back)] * found
@@ -48,8 +55,9 @@ class LastPose(Panel):
         if asked_by_page():
             try:
                 save_library(self.path, {_NAME: self.session.state}, self.session)
-            except OSError as error:
-                self.lab.say(f"This pose will not come back by itself: {error}")
+            except (OSError, ValueError) as error:
+                why = self.lab.in_words(error)
+                self.lab.say(f"This pose will not come back by itself: {why}")
 
     @shows_errors
     def _back(self, _):

@@ -38,7 +38,7 @@ function keys({ model, el }) {
     on(root, "focusin", () => (over = true));
     on(root, "focusout", (event) => (over = root.contains(event.relatedTarget) || root.matches(":hover")));
     on(root, "pointerenter", () => (over = true));
-    on(root, "pointerleave", () => (over = false));
+    on(root, "pointerleave", () => (over = root.contains(document.activeElement)));
     on(root, "pointerdown", (event) => {
       over = true;
       const editing = document.activeElement?.closest(EDITABLE);
@@ -54,6 +54,8 @@ function keys({ model, el }) {
     if (root?.contains(document.activeElement) && OWN_KEYS.includes(event.key)) return;
     if (event.key === "Escape" && root?.querySelector(".facelab-chosen-pin")) return; // leaves the pin
     if (!over || !root?.isConnected || typing || event.metaKey || event.altKey) return;
+    const hovered = document.querySelector(`.${model.get("root")}:hover`);
+    if (hovered && hovered !== root) return; // the mouse is over another lab
     let key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (key === " ") key = "Space";
     if (event.ctrlKey) key = "Ctrl+" + key;

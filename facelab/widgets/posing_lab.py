@@ -110,10 +110,8 @@ class PosingLab(Lab):
             "holistic": HolisticModel(n_components).fit(motion.displacements()),
             "rig": example.rig,
         }
-        takes = {
-            name: (small.animate(take), take)
-            for name, take in (("first take", example.train), ("second take", example.test))
-        }
+        both = {"first take": example.train, "second take": example.test}
+        takes = {name: (small.animate(take), take) for name, take in both.items()}
         session = PosingSession(models["region"], face, binding=bind_to_samples(face, samples))
         lab = cls(session, models, example.props, takes, **kwargs)
         lab.about = example.about
@@ -424,12 +422,15 @@ class PosingLab(Lab):
     def _follow(self, what):
         """The session has changed, by this lab, another one, or a script."""
         try:
-            if self._held is not None and not self.session.dragging:  # undo, here or elsewhere
+            over = self._held is not None and not self.session.dragging
+            if over:  # by an undo, here or elsewhere
                 self._give_up()
             if what == "step":
                 self.frame = self.clip.frame if self.clip.over_pose else None
                 self._note_step()
                 self.last.keep()
+                if over:
+                    self.say("Your pull was given up: the pose was changed meanwhile.")
             elif self._held is None:
                 self.show()
         except Exception as error:

@@ -6,7 +6,12 @@ from facelab.looks.gaze import look_units
 
 PINLESS = "mirror", "copy_side"
 """Edits that take all pins away, which their buttons do not ask for."""
-_BUTTONS = {"reset": "reset", "keep": "pins baked", "mirror": "swap sides"}
+_BUTTONS = {
+    "restore": "another pose",
+    "reset": "reset",
+    "keep": "pins baked",
+    "mirror": "swap sides",
+}
 _SIDES = {"left": "L → R", "right": "R → L"}
 
 

@@ -258,8 +258,10 @@ def test_keys_work_on_the_pin_that_tab_has_chosen_wherever_the_mouse_is(fresh):
         "ends = [face.landmarks[name] for name in ('mouth_corner_left', 'brow_left_3')]\n"
         "for v in ends: session.pull(v, session.vertices[v] + [0, 2, 0])"
     )
+    fresh.settle()
     page.locator("canvas").first.focus()
     press("Tab")
+    expect(page.locator(".facelab-chosen-pin")).to_have_count(1)
     ((x, y),) = on_page(fresh, vertices(fresh)[landmark(fresh, "nose_tip")])
     page.mouse.move(x, y)
     fresh.settle()
@@ -269,6 +271,20 @@ def test_keys_work_on_the_pin_that_tab_has_chosen_wherever_the_mouse_is(fresh):
     wait_until(fresh, "not session.locked")
     press("Delete")
     wait_until(fresh, "list(session.pins) == ends[1:]")
+    expect(page.locator(".facelab-chosen-pin")).to_have_count(0)
+    press("l")  # and it is the point under the mouse again
+    wait_until(fresh, "session.locked == {lab._hovered} and lab._hovered not in ends")
+    press("l")
+    press("x")
+    wait_until(fresh, "list(session.pins) == ends[1:]")
+    cells = page.locator(".jp-Cell").count()
+    press("Tab")
+    page.mouse.move(5, 500)  # beside the lab, which has the focus
+    fresh.settle()
+    press("x")  # to JupyterLab this would mean: cut the cell
+    wait_until(fresh, "not session.pins")
+    assert page.locator(".jp-Cell").count() == cells
+    fresh.run("session.pull(ends[1], session.vertices[ends[1]] + [0, 2, 0])")
     page.mouse.move(x + 30, y)
     fresh.settle()
     press("x")
@@ -400,6 +416,21 @@ def test_a_second_finger_neither_pulls_nor_zooms(fresh):
     fresh.settle()
     np.testing.assert_allclose(way_of_pin(fresh), [2, 5, 0], atol=0.3)
     np.testing.assert_allclose(camera(fresh), eye, atol=1e-6)
+
+
+HIDE_UP = (
+    "addEventListener('pointerup', e => e.stopImmediatePropagation(), {capture: true, once: true})"
+)
+
+
+def test_a_button_that_went_up_unheard_ends_the_pull_where_it_was(fresh):
+    pull(fresh, "mouth_corner_left", [2, 5, 0], release=False)
+    fresh.page.evaluate(HIDE_UP)
+    fresh.page.mouse.up()
+    fresh.page.mouse.move(700, 300)
+    fresh.settle()
+    np.testing.assert_allclose(way_of_pin(fresh), [2, 5, 0], atol=0.3)
+    assert not fresh.run("", d="session.dragging or lab.view.dragging")["d"]
 
 
 def test_undo_and_redo_return_exactly_by_button_and_by_key(fresh):

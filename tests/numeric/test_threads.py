@@ -1,9 +1,11 @@
 """BLAS on one thread, and work side by side: in order, and no more of it than is wanted."""
 
+import signal
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
+import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController
 
@@ -41,6 +43,38 @@ def test_threads_that_overlap_leave_no_limit_behind(two_threads, first_out):
         assert n_threads() == {2}
     with one_thread():
         assert n_threads() == {1}
+    assert n_threads() == {2}
+
+
+def test_an_interrupted_cell_leaves_no_limit_behind_and_does_not_lift_it_for_ever(two_threads):
+    rng, interrupts = np.random.default_rng(0), 0
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        for _ in range(300):
+            try:
+                signal.setitimer(signal.ITIMER_REAL, rng.uniform(1e-4, 2e-3))
+                while True:
+                    with one_thread(), one_thread():
+                        pass
+            except KeyboardInterrupt:
+                interrupts += 1
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    with one_thread():
+        assert n_threads() == {1}
+    assert n_threads() == {2} and interrupts == 300
+
+
+def test_work_that_is_given_up_in_another_thread_leaves_no_limit_behind(two_threads):
+    results = side_by_side(abs, range(50))
+    next(results)
+    with ThreadPoolExecutor(1) as other:
+        other.submit(results.close).result(5)
     assert n_threads() == {2}
 
 

@@ -44,6 +44,24 @@ def test_a_lab_that_opens_anew_offers_the_last_pose_of_the_page(page, opened):
     assert opened().last.state.pins[17][1] == pytest.approx(-1)
 
 
+def test_each_face_and_each_model_has_its_own(page, rng, tmp_path):
+    mesh, labels = quarters()
+    moved = mesh.with_vertices(mesh.vertices * [1.0, 1.1, 1.0])
+    X = bumps(mesh, labels, rng)
+
+    def opened(face, n):
+        model = RegionModel(Regions(labels, face), n).fit(X)
+        return PosingLab(PosingSession(model, face), folder=tmp_path)
+
+    kinds = [(mesh, 6), (moved, 6), (mesh, 5)]
+    for by, kind in enumerate(kinds, 1):
+        lab = opened(*kind)
+        assert lab.last.widgets == []
+        pull(lab, by)
+    for by, kind in enumerate(kinds, 1):
+        assert opened(*kind).last.state.pins[17][1] == pytest.approx(by)
+
+
 def test_what_a_script_does_is_not_kept_nor_what_cannot_be_read_offered(page, opened):
     page.append(False)
     lab = opened()

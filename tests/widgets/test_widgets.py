@@ -3,6 +3,7 @@
 import io
 import itertools
 from datetime import datetime
+from types import SimpleNamespace
 
 import matplotlib.image
 import numpy as np
@@ -21,6 +22,7 @@ from facelab.posing.session import PosingSession
 from facelab.rig import BlendshapeRig
 from facelab.segmentation.regions import Regions
 from facelab.widgets import FaceView, PosingLab
+from facelab.widgets.in_touch import keep_free
 from facelab.widgets.parts import Keys
 from facelab.widgets.thumbnail import Thumbnails
 
@@ -616,6 +618,7 @@ def test_redo_gives_up_a_drag_for_good_too(lab):
     lab.session.undo()
     drag(lab, 17, [2.0, 1, 3])
     press_key(lab, "y")
+    assert "Your pull was given up" in lab._status.value
     move(lab.view, [3.0, 1, 3])
     let_go(lab.view)
     np.testing.assert_allclose(drawn(lab.view), redone, atol=1e-4)
@@ -881,3 +884,24 @@ def test_a_slider_that_the_page_still_shows_but_the_lab_does_not_is_no_edit(mode
     slide(lab, "1 0", 1.0)
     assert lab.session.n_undo == steps
     np.testing.assert_array_equal(lab.session.vertices, posed)
+
+
+def test_controls_of_a_face_that_came_later_answer_while_a_cell_runs_too(lab, models, monkeypatch):
+    kept = []
+    monkeypatch.setattr("facelab.widgets.lab.keep_free", kept.append)
+    lab.take_up(PosingSession(models["rig"], lab.mesh))
+    assert kept == [lab.widget] and lab.undo in _inside(lab.widget)
+
+
+def test_a_part_and_all_in_it_is_heard_by_the_thread_that_the_page_names():
+    def part(*children):
+        comm = SimpleNamespace(_reply_subshell_for=lambda _, named: "that of a cell")
+        return SimpleNamespace(comm=comm, children=children)
+
+    button = part()
+    keep_free(part(part(button)))
+    assert button.comm._reply_subshell_for({}, "that of the page") == "that of the page"
+
+
+def _inside(part):
+    return [part, *(x for child in getattr(part, "children", ()) for x in _inside(child))]
