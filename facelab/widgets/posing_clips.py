@@ -142,6 +142,7 @@ class ClipPanel(Panel):
         """
         own = self.session
         if self.lab.frame is None:
+            own.release()  # a drag under way is on screen, too
             return own
         shown = PosingSession(
             own.model,

@@ -648,6 +648,29 @@ def test_what_is_kept_of_a_frame_of_a_clip_is_what_is_on_screen(keyed, tmp_path)
     assert not lab.strip.poses["posed"].coefficients.any()
 
 
+@pytest.mark.parametrize("kept", ["add", "key", "save"])
+def test_what_is_kept_during_a_drag_is_what_is_on_screen(lab, kept):
+    lab._press(17)
+    lab._move(np.array([0, 0, 4.0]))
+    shown = lab.session.vertices
+    if kept == "add":
+        lab.strip.add("held")
+        got = lab.session.vertices_in(lab.strip.poses["held"])
+    elif kept == "key":
+        lab.clip.key.click()
+        got = lab.session.vertices_of(lab.clip.clip.poses[0])
+    else:
+        lab.files.save.click()
+        again = PosingSession(lab.session.model, lab.mesh)
+        load_pose(lab.files.lab.folder / "pose.json", again)
+        got = again.vertices
+    assert np.abs(shown - lab.mesh.vertices).max() > 1 and lab._message.value == ""
+    np.testing.assert_allclose(got, shown, atol=1e-9)
+    lab._release()
+    assert lab.session.n_undo == 1 and not lab.session.dragging
+    np.testing.assert_allclose(lab.session.vertices, shown, atol=1e-9)
+
+
 def test_the_frame_of_keys_that_are_gone_leaves_the_screen(keyed):
     lab, clip = keyed, keyed.clip
     clip.slider.value = 45
