@@ -1,5 +1,6 @@
 """Time in the posing lab: a clip of key poses, and recorded takes with the pose on top."""
 
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -24,6 +25,20 @@ _ON_TAKE = (
     "it."
 )
 OTHER_MODEL = "the key poses are of another model; choose that model first."
+_ON_ITS_WAY = 0.5  # s in which frames that the page sent while it played still come in
+
+
+def twin(session):
+    """Another session of the same face in the same state."""
+    made = PosingSession(
+        session.model,
+        session.neutral,
+        binding=session.binding,
+        shared_pins=session.shared_pins,
+        partners=session.partners,
+    )
+    made.restore(session.state)
+    return made
 
 
 class ClipPanel(Panel):
@@ -41,7 +56,7 @@ class ClipPanel(Panel):
 
     def _build(self):
         self.clip = self.model = self.frame = None
-        self._tracks = {}
+        self._tracks, self._halted = {}, -np.inf
         self.source = widgets.Dropdown(
             options=[_KEYS, *self.lab.takes], description="show", layout={"width": WIDTH}
         )
@@ -127,6 +142,11 @@ class ClipPanel(Panel):
         """Play, or pause."""
         self.play.playing = not self.play.playing
 
+    def halt(self):
+        """Stop playing, and show none of the frames that the page has asked for already."""
+        if self.play.playing:
+            self.play.playing, self._halted = False, time.monotonic()
+
     def take_up(self):
         """Before a drag on a frame of the clip: that frame becomes the pose."""
         if not self.over_pose:
@@ -144,14 +164,7 @@ class ClipPanel(Panel):
         if self.lab.frame is None:
             own.release()  # a drag under way is on screen, too
             return own
-        shown = PosingSession(
-            own.model,
-            own.neutral,
-            binding=own.binding,
-            shared_pins=own.shared_pins,
-            partners=own.partners,
-        )
-        shown.restore(own.state)
+        shown = twin(own)
         shown.apply(self._coefficients(), self.gaze)
         return shown
 
@@ -211,7 +224,7 @@ class ClipPanel(Panel):
 
     @shows_errors
     def _scrub(self, _):
-        if self.settling:
+        if self.settling or time.monotonic() < self._halted + _ON_ITS_WAY:
             return
         self._coefficients()  # what is wrong is said before anything is shown
         self.frame = lambda: self.session.vertices_of(self._coefficients())
@@ -220,9 +233,9 @@ class ClipPanel(Panel):
         self.lab.strip.refresh()
 
     def _leave(self):
-        self.play.playing = False
         self.frame = None
         self.lab.show_pose()
+        self.halt()
 
     @shows_errors
     def _choose(self, _):

@@ -12,11 +12,13 @@ from facelab.files.poses import load_clip, load_pose, save_clip, save_pose
 from facelab.files.takes import write_live_link_csv
 from facelab.looks import turn_eyes
 from facelab.motion import WeightSequence
+from facelab.widgets import last_pose
 from facelab.widgets.lab import WIDTH, Panel, row
 from facelab.widgets.page import markup, path_in, shows_errors, uploaded, written
 from facelab.widgets.posing_clips import OTHER_MODEL
 from facelab.widgets.posing_library import ENDING
 
+_NO_POSES = ENDING, last_pose.ENDING
 _FPS = 30.0  # of a clip as weights
 
 
@@ -80,7 +82,7 @@ class FilePanel(Panel):
 
     def _list_files(self):
         found = [p.name for p in Path(self.lab.folder).glob("*.json")]
-        shown = [n for n in found if not n.startswith(".") and not n.endswith(ENDING)]
+        shown = [n for n in found if not n.startswith(".") and not n.endswith(_NO_POSES)]
         names = {name.removesuffix(".json").removesuffix(".clip") for name in shown}
         self.name.options = sorted(names)[:200]
 

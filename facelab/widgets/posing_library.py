@@ -12,6 +12,7 @@ from facelab.posing.state import PoseState
 from facelab.widgets.lab import WIDTH, Panel, button, row
 from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.parts import ItemList
+from facelab.widgets.posing_clips import twin
 from facelab.widgets.put_back import PutBack
 
 ENDING = ".library.json"
@@ -35,7 +36,7 @@ class StripPanel(Panel):
 
     def _build(self):
         self._items, self._pictures = {}, {}  # all of the file; by pose
-        self._chosen = self._unread = None
+        self._chosen = self._unread = self._unkept = None
         faces = fingerprint(self.lab.mesh)["sizes"][-1]
         self.path = Path(self.lab.folder) / f"face-{faces[:6]}{ENDING}"
         self.strip = ItemList("strip", self._react, label="Pose library")
@@ -62,7 +63,12 @@ class StripPanel(Panel):
             ]
         )
         self.share.observe(self._blend, names="value")
-        self._show(self._read() or {"neutral": self.session.state})
+        self._show(self._read() or {"neutral": self._neutral()})
+
+    def _neutral(self):
+        at_rest = twin(self.session)
+        at_rest.reset()
+        return at_rest.state
 
     @property
     def poses(self):
@@ -97,9 +103,15 @@ class StripPanel(Panel):
 
     def _write(self, items):
         """Write the library, then show it as it is now."""
-        if not self.path.exists():  # a folder that cannot be written to has a library all the same
-            self._show(items)
-        save_library(self.path, items, self.session)
+        self._unkept = None
+        try:
+            save_library(self.path, items, self.session)
+        except OSError as error:
+            if self.path.exists():
+                raise
+            why = self.lab.in_words(error).rstrip(".")
+            self._unkept = f"Not kept: {why}; these poses last as long as this page."
+            self.lab.say(self._unkept)
         self._show(items)
 
     def _show(self, items):
@@ -128,8 +140,9 @@ class StripPanel(Panel):
     def _tell(self, n_others):
         unread = "" if self._unread is None else f"Not read: {self._unread} "
         once = "" if self.path.exists() else " once you add a pose"
+        kept = self._unkept or f"Kept in {self.path.name}{once}."
         left_out = f" {n_others} of another model are in it, too." if n_others else ""
-        text = f"{unread}Kept in {self.path.name}{once}.{left_out}"
+        text = f"{unread}{kept}{left_out}"
         self._about.value = markup('<div class="facelab-status">{}</div>', text)
 
     def add(self, name=""):
@@ -146,7 +159,7 @@ class StripPanel(Panel):
         self._chosen = name
         self._write({**items, name: pose})
         if before is not None and not before.same(pose):
-            self.back.offer(f"the {name} before", (name, before, list(items).index(name)))
+            self.back.offer(name, (name, before, list(items).index(name)), replaced=True)
 
     def refresh(self):
         """Mark the pose of the library that is on screen; of several alike, the one clicked on."""
@@ -180,6 +193,8 @@ class StripPanel(Panel):
         if do == "choose":
             self._chosen = name
             self.session.restore(self.poses[name])
+            if not self.lab.clip.over_pose:
+                self.lab.clip.halt()
             if self.lab.frame is not None and not self.lab.clip.over_pose:
                 self.lab.show_pose()
             self.refresh()
@@ -202,6 +217,10 @@ class StripPanel(Panel):
     def _put_back(self):
         name, pose, place = self.back.gone
         items = self._read()
+        if self.back.replaced and name in items:
+            self._write({**items, name: pose})
+            self.back.offer(name, (name, items[name], place), replaced=True)
+            return
         if name in items:
             raise ValueError(f"there is another {name} in the library now; rename that one first.")
         listed = list(items.items())
