@@ -1,6 +1,8 @@
 """The pose library: named poses as pictures, in a file that brings them back, and blends of two."""
 
 import base64
+from contextlib import suppress
+from itertools import chain, count
 from pathlib import Path
 
 import ipywidgets as widgets
@@ -78,34 +80,42 @@ class StripPanel(Panel):
     def _read(self, name=None):
         """The library as it is now, and `name` must be in it.
 
-        A file that cannot be read is left alone, and another one takes its place.
+        A file that cannot be read is left alone, and another one takes its place. What that has
+        is added when the first can be read again.
         """
-        items, kept = self._items, {}
+        items, kept, self._spare = self._items, {}, None
         while self.path.exists():
             try:
-                found = read_library(self.path, self.session, self.lab.models)
+                items = {**self._stored(self.path), **kept}
             except (ValueError, OSError) as error:
                 self._unread, kept = error, self._items
-                self.path = self.path.with_name("new-" + self.path.name)
+                self.path = _in_place_of(self.path)
                 continue
-            items = {**{k: self._known(k, pose) for k, pose in found.items()}, **kept}
+            other = _in_place_of(self.path)
+            with suppress(ValueError, OSError):  # mostly there is none; or it is of another face
+                items, self._spare = _joined(items, self._stored(other)), other
             break
         if name is not None and name not in items:
             self._show(items)
             raise ValueError(f"{name} is in the library no more: it was taken out elsewhere.")
         return items
 
+    def _stored(self, path):
+        found = read_library(path, self.session, self.lab.models)
+        return {k: self._known(k, pose) for k, pose in found.items()}
+
     def _known(self, name, pose):
         """The pose that is there already, if it is the same: it has its picture."""
         before = self.poses.get(name)
-        same = before is not None and isinstance(pose, PoseState) and before.same(pose)
-        return before if same else pose
+        return before if _same(before, pose) else pose
 
     def _write(self, items):
         """Write the library, then show it as it is now."""
         self._unkept = None
         try:
             save_library(self.path, items, self.session)
+            if self._spare is not None:  # all that it has was read with the rest
+                self._spare.unlink(missing_ok=True)
         except OSError as error:
             if self.path.exists():
                 raise
@@ -244,6 +254,27 @@ class StripPanel(Panel):
 def _at_hand(items):
     """Poses whose model is at hand."""
     return {name: pose for name, pose in items.items() if isinstance(pose, PoseState)}
+
+
+def _in_place_of(path):
+    """The file that takes the place of one that cannot be read."""
+    return path.with_name(f"new-{path.name}")
+
+
+def _joined(items, more):
+    """All poses of two libraries; another pose of a name that is taken is numbered."""
+    joined = dict(items)
+    for name, pose in more.items():
+        numbered = (f"{name} ({k})" for k in count(2))
+        free = (n for n in chain([name], numbered) if _same(joined.get(n, pose), pose))
+        joined.setdefault(next(free), pose)
+    return joined
+
+
+def _same(a, b):
+    """Whether two items of a library, poses or as they are stored, are the same."""
+    both = isinstance(a, PoseState) and isinstance(b, PoseState)
+    return a.same(b) if both else a == b
 
 
 def _free_name(items):

@@ -406,6 +406,34 @@ def test_a_library_that_cannot_be_read_is_left_alone_and_told(lab, parts, tmp_pa
     assert list(lab.strip.poses) == ["neutral", "mine", "more", "late"]
 
 
+def test_what_was_kept_in_place_of_a_library_is_found_when_that_can_be_read_again(
+    lab, parts, tmp_path
+):
+    model, rig = parts
+    path = lab.strip.path
+
+    def opened():
+        return PosingLab(PosingSession(model, rig.neutral), folder=tmp_path)
+
+    lab.strip.add("smile")
+    whole = path.read_bytes()
+    path.write_text("{ broken")
+    other = opened()
+    pull(other.session, 17, [0, 0, 2.0])
+    for name in ("smile", "frown"):
+        other.strip.add(name)
+    path.write_bytes(whole)
+    names = ["neutral", "smile", "smile (2)", "frown"]
+    for again in (opened(), opened()):
+        assert list(again.strip.poses) == names
+    assert again.strip.poses["smile"].same(lab.strip.poses["smile"])
+    assert other.strip.path.exists(), "reading changes no file"
+    press(again.strip.strip, "remove", "frown")
+    assert list(load_library(path, lab.session)[0]) == names[:3]
+    assert not other.strip.path.exists()
+    assert list(opened().strip.poses) == names[:3], "what was taken out stays out"
+
+
 def test_a_library_of_another_face_of_the_same_mesh_is_left_alone(lab, parts, tmp_path):
     _, rig = parts
     lab.strip.add("mine")
