@@ -117,10 +117,19 @@ class ClipPanel(Panel):
                 self.length.max = max(self.length.max, clip.duration)
                 self.length.value = max(self.length.value, clip.duration)
                 self.easing.value = clip.easing
+        if self.back.replaced:  # it is of the clip as it was
+            self.back.forget()
         self._fit()
         self.refresh()
         if self.lab.frame is not None and self.source.value == _KEYS:
             self._leave() if clip is None else self.lab.show()
+
+    def exchange(self, clip, name):
+        """Put a clip of the session's model on the slider; the one there can be put back."""
+        before = self.clip, self.model
+        self.set_clip(clip)
+        if before[0] is not None:
+            self.back.offer(name, before, replaced=True)
 
     def refresh(self):
         """Show the keys, and what a take that is on means."""
@@ -284,6 +293,9 @@ class ClipPanel(Panel):
             raise ValueError(OTHER_MODEL)
         else:
             clip = self.clip.with_key(self.seconds, state)
+            if len(clip.times) == len(self.clip.times):
+                self.exchange(clip, f"the key at {self.seconds:.2f} s")
+                return
         self.set_clip(clip)
 
     @shows_errors
@@ -312,6 +324,11 @@ class ClipPanel(Panel):
     @shows_errors
     def _put_back(self):
         gone, model = self.back.gone
+        if self.back.replaced:
+            if model is not self.session.model:
+                raise ValueError(OTHER_MODEL)
+            self.exchange(gone, self.back.name)
+            return
         if self.clip is None:
             clip = gone
         elif self.model is not model:

@@ -128,7 +128,7 @@ class FilePanel(Panel):
             self._result.value = markup("Loaded <b>{}</b>.", path.name)
         else:
             path = self._path(".clip.json")
-            clip.set_clip(load_clip(path, session))
+            clip.exchange(load_clip(path, session), "the key poses")
             self._result.value = markup("Loaded <b>{}</b>: see the tab Time.", path.name)
 
     def _weights(self, path, shown=None):

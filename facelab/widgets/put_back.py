@@ -16,6 +16,8 @@ class PutBack:
 
     Attributes
     ----------
+    name : str
+        Of what was taken out.
     gone : object
         What was taken out, None for nothing.
     replaced : bool
@@ -32,7 +34,7 @@ class PutBack:
 
     def offer(self, name, gone, replaced=False):
         """Say that `gone` was taken out, or replaced, by its name."""
-        self.gone, self.replaced = gone, replaced
+        self.name, self.gone, self.replaced = name, gone, replaced
         did = "Replaced" if replaced else "Removed"
         self._text.value = markup(
             '<div class="facelab-status" role="status">{} <b>{}</b>.</div>', did, name

@@ -709,6 +709,30 @@ def test_a_key_taken_out_can_be_put_back(keyed):
     assert "another key at 2.00 s" in keyed._message.value and clip.track.times == [2.0]
 
 
+def test_a_key_or_a_clip_that_was_replaced_can_be_put_back(keyed):
+    lab, clip = keyed, keyed.clip
+    first = clip.clip
+    lab.files.save_clip.click()
+    lab.session.slide(0, 0, 0.4)
+    clip.key.click()  # over the one at 2 s
+    second = clip.clip
+    assert "Replaced <b>the key at 2.00 s</b>" in clip.back._text.value
+    for wanted in (first, second, first):
+        clip.back.button.click()
+        assert clip.clip is wanted and lab._message.value == ""
+    clip.set_clip(second.moved_key(1, 1.5))
+    assert clip.back.widget.layout.display == "none", "what was there is no longer"
+    third = clip.clip
+    lab.files.load_clip.click()
+    assert "Replaced <b>the key poses</b>" in clip.back._text.value
+    lab.session.use(lab.models["region"])
+    clip.back.button.click()
+    assert "of another model" in lab._message.value and clip.clip is not third
+    lab.session.use(lab.models["rig"])
+    clip.back.button.click()
+    assert clip.clip is third
+
+
 def test_what_is_kept_of_a_frame_of_a_clip_is_what_is_on_screen(keyed, tmp_path):
     lab, clip = keyed, keyed.clip
     lab.session.reset()
