@@ -28,19 +28,6 @@ OTHER_MODEL = "the key poses are of another model; choose that model first."
 _ON_ITS_WAY = 0.5  # s in which frames that the page sent while it played still come in
 
 
-def twin(session):
-    """Another session of the same face in the same state."""
-    made = PosingSession(
-        session.model,
-        session.neutral,
-        binding=session.binding,
-        shared_pins=session.shared_pins,
-        partners=session.partners,
-    )
-    made.restore(session.state)
-    return made
-
-
 class ClipPanel(Panel):
     """Play and scrub through key poses, or through a take that the model performs.
 
@@ -173,7 +160,14 @@ class ClipPanel(Panel):
         if self.lab.frame is None:
             own.release()  # a drag under way is on screen, too
             return own
-        shown = twin(own)
+        shown = PosingSession(
+            own.model,
+            own.neutral,
+            binding=own.binding,
+            shared_pins=own.shared_pins,
+            partners=own.partners,
+        )
+        shown.restore(own.state)
         shown.apply(self._coefficients(), self.gaze)
         return shown
 

@@ -2,10 +2,12 @@
 
 import base64
 from contextlib import suppress
+from dataclasses import replace
 from itertools import chain, count
 from pathlib import Path
 
 import ipywidgets as widgets
+import numpy as np
 
 from facelab.files.poses import read_library, save_library
 from facelab.posing.clips import interpolate, interpolate_gaze
@@ -14,7 +16,6 @@ from facelab.posing.state import PoseState
 from facelab.widgets.lab import WIDTH, Panel, button, row
 from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.parts import ItemList
-from facelab.widgets.posing_clips import twin
 from facelab.widgets.put_back import PutBack
 
 ENDING = ".library.json"
@@ -68,9 +69,9 @@ class StripPanel(Panel):
         self._show(self._read() or {"neutral": self._neutral()})
 
     def _neutral(self):
-        at_rest = twin(self.session)
-        at_rest.reset()
-        return at_rest.state
+        state = self.session.state
+        rest = np.zeros_like(state.c_0)
+        return replace(state, **state.bare(rest), coefficients=rest, gaze=(0.0, 0.0))
 
     @property
     def poses(self):
@@ -115,7 +116,8 @@ class StripPanel(Panel):
         try:
             save_library(self.path, items, self.session)
             if self._spare is not None:  # all that it has was read with the rest
-                self._spare.unlink(missing_ok=True)
+                with suppress(OSError):
+                    self._spare.unlink()
         except OSError as error:
             if self.path.exists():
                 raise

@@ -676,7 +676,7 @@ def test_poses_are_added_by_enter_renamed_where_clicked_and_put_back(fresh, tmp_
         page.wait_for_timeout(1500)
         wait_until(fresh, "lab.frame is None")
         wait_until(fresh, f"lab.session.state.same(lab.strip.poses[{pose!r}])")
-    fresh.run("lab.clip.set_clip(None)")
+    fresh.run("lab.clip.slider.value = 0; lab.clip.set_clip(None)")
 
 
 def test_a_key_takes_the_frame_on_screen_and_the_clip_is_no_shorter_than_it(fresh):
@@ -704,6 +704,9 @@ def test_a_key_takes_the_frame_on_screen_and_the_clip_is_no_shorter_than_it(fres
     snapshot(fresh, "key_gone")
     click(fresh, "Put back")
     wait_until(fresh, "lab.clip.track.times == [0, 1, 2]")
+    click(fresh, "Key here")  # the slider is where it was
+    expect(page.get_by_text("Replaced the key at 1.00 s.").first).to_be_visible()
+    snapshot(fresh, "key_replaced")
     fresh.run("lab.clip.set_clip(None)")
 
 
