@@ -1,5 +1,6 @@
 """Time in the posing lab: a clip of key poses, and recorded takes with the pose on top."""
 
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -24,6 +25,7 @@ _ON_TAKE = (
     "it."
 )
 OTHER_MODEL = "the key poses are of another model; choose that model first."
+_ON_ITS_WAY = 0.5  # s in which frames that the page sent while it played still come in
 
 
 class ClipPanel(Panel):
@@ -41,7 +43,7 @@ class ClipPanel(Panel):
 
     def _build(self):
         self.clip = self.model = self.frame = None
-        self._tracks = {}
+        self._tracks, self._halted = {}, -np.inf
         self.source = widgets.Dropdown(
             options=[_KEYS, *self.lab.takes], description="show", layout={"width": WIDTH}
         )
@@ -102,10 +104,19 @@ class ClipPanel(Panel):
                 self.length.max = max(self.length.max, clip.duration)
                 self.length.value = max(self.length.value, clip.duration)
                 self.easing.value = clip.easing
+        if self.back.replaced:  # it is of the clip as it was
+            self.back.forget()
         self._fit()
         self.refresh()
         if self.lab.frame is not None and self.source.value == _KEYS:
             self._leave() if clip is None else self.lab.show()
+
+    def exchange(self, clip, name):
+        """Put a clip of the session's model on the slider; the one there can be put back."""
+        before = self.clip, self.model
+        self.set_clip(clip)
+        if before[0] is not None:
+            self.back.offer(name, before, replaced=True)
 
     def refresh(self):
         """Show the keys, and what a take that is on means."""
@@ -127,6 +138,11 @@ class ClipPanel(Panel):
         """Play, or pause."""
         self.play.playing = not self.play.playing
 
+    def halt(self):
+        """Stop playing, and show none of the frames that the page has asked for already."""
+        if self.play.playing:
+            self.play.playing, self._halted = False, time.monotonic()
+
     def take_up(self):
         """Before a drag on a frame of the clip: that frame becomes the pose."""
         if not self.over_pose:
@@ -142,6 +158,7 @@ class ClipPanel(Panel):
         """
         own = self.session
         if self.lab.frame is None:
+            own.release()  # a drag under way is on screen, too
             return own
         shown = PosingSession(
             own.model,
@@ -210,7 +227,7 @@ class ClipPanel(Panel):
 
     @shows_errors
     def _scrub(self, _):
-        if self.settling:
+        if self.settling or time.monotonic() < self._halted + _ON_ITS_WAY:
             return
         self._coefficients()  # what is wrong is said before anything is shown
         self.frame = lambda: self.session.vertices_of(self._coefficients())
@@ -219,9 +236,9 @@ class ClipPanel(Panel):
         self.lab.strip.refresh()
 
     def _leave(self):
-        self.play.playing = False
         self.frame = None
         self.lab.show_pose()
+        self.halt()
 
     @shows_errors
     def _choose(self, _):
@@ -270,6 +287,9 @@ class ClipPanel(Panel):
             raise ValueError(OTHER_MODEL)
         else:
             clip = self.clip.with_key(self.seconds, state)
+            if len(clip.times) == len(self.clip.times):
+                self.exchange(clip, f"the key at {self.seconds:.2f} s")
+                return
         self.set_clip(clip)
 
     @shows_errors
@@ -298,6 +318,11 @@ class ClipPanel(Panel):
     @shows_errors
     def _put_back(self):
         gone, model = self.back.gone
+        if self.back.replaced:
+            if model is not self.session.model:
+                raise ValueError(OTHER_MODEL)
+            self.exchange(gone, self.back.name)
+            return
         if self.clip is None:
             clip = gone
         elif self.model is not model:

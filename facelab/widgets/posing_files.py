@@ -12,11 +12,13 @@ from facelab.files.poses import load_clip, load_pose, save_clip, save_pose
 from facelab.files.takes import write_live_link_csv
 from facelab.looks import turn_eyes
 from facelab.motion import WeightSequence
+from facelab.widgets import last_pose
 from facelab.widgets.lab import WIDTH, Panel, row
 from facelab.widgets.page import markup, path_in, shows_errors, uploaded, written
 from facelab.widgets.posing_clips import OTHER_MODEL
 from facelab.widgets.posing_library import ENDING
 
+_NO_POSES = ENDING, last_pose.ENDING
 _FPS = 30.0  # of a clip as weights
 
 
@@ -80,7 +82,7 @@ class FilePanel(Panel):
 
     def _list_files(self):
         found = [p.name for p in Path(self.lab.folder).glob("*.json")]
-        shown = [n for n in found if not n.startswith(".") and not n.endswith(ENDING)]
+        shown = [n for n in found if not n.startswith(".") and not n.endswith(_NO_POSES)]
         names = {name.removesuffix(".json").removesuffix(".clip") for name in shown}
         self.name.options = sorted(names)[:200]
 
@@ -126,7 +128,7 @@ class FilePanel(Panel):
             self._result.value = markup("Loaded <b>{}</b>.", path.name)
         else:
             path = self._path(".clip.json")
-            clip.set_clip(load_clip(path, session))
+            clip.exchange(load_clip(path, session), "the key poses")
             self._result.value = markup("Loaded <b>{}</b>: see the tab Time.", path.name)
 
     def _weights(self, path, shown=None):

@@ -1,9 +1,13 @@
 """The pose library: named poses as pictures, in a file that brings them back, and blends of two."""
 
 import base64
+from contextlib import suppress
+from dataclasses import replace
+from itertools import chain, count
 from pathlib import Path
 
 import ipywidgets as widgets
+import numpy as np
 
 from facelab.files.poses import read_library, save_library
 from facelab.posing.clips import interpolate, interpolate_gaze
@@ -35,7 +39,7 @@ class StripPanel(Panel):
 
     def _build(self):
         self._items, self._pictures = {}, {}  # all of the file; by pose
-        self._chosen = self._unread = None
+        self._chosen = self._unread = self._unkept = None
         faces = fingerprint(self.lab.mesh)["sizes"][-1]
         self.path = Path(self.lab.folder) / f"face-{faces[:6]}{ENDING}"
         self.strip = ItemList("strip", self._react, label="Pose library")
@@ -62,7 +66,12 @@ class StripPanel(Panel):
             ]
         )
         self.share.observe(self._blend, names="value")
-        self._show(self._read() or {"neutral": self.session.state})
+        self._show(self._read() or {"neutral": self._neutral()})
+
+    def _neutral(self):
+        state = self.session.state
+        rest = np.zeros_like(state.c_0)
+        return replace(state, **state.bare(rest), coefficients=rest, gaze=(0.0, 0.0))
 
     @property
     def poses(self):
@@ -72,34 +81,49 @@ class StripPanel(Panel):
     def _read(self, name=None):
         """The library as it is now, and `name` must be in it.
 
-        A file that cannot be read is left alone, and another one takes its place.
+        A file that cannot be read is left alone, and another one takes its place. What that has
+        is added when the first can be read again.
         """
-        items, kept = self._items, {}
+        items, kept, self._spare = self._items, {}, None
         while self.path.exists():
             try:
-                found = read_library(self.path, self.session, self.lab.models)
+                items = {**self._stored(self.path), **kept}
             except (ValueError, OSError) as error:
                 self._unread, kept = error, self._items
-                self.path = self.path.with_name("new-" + self.path.name)
+                self.path = _in_place_of(self.path)
                 continue
-            items = {**{k: self._known(k, pose) for k, pose in found.items()}, **kept}
+            other = _in_place_of(self.path)
+            with suppress(ValueError, OSError):  # mostly there is none; or it is of another face
+                items, self._spare = _joined(items, self._stored(other)), other
             break
         if name is not None and name not in items:
             self._show(items)
             raise ValueError(f"{name} is in the library no more: it was taken out elsewhere.")
         return items
 
+    def _stored(self, path):
+        found = read_library(path, self.session, self.lab.models)
+        return {k: self._known(k, pose) for k, pose in found.items()}
+
     def _known(self, name, pose):
         """The pose that is there already, if it is the same: it has its picture."""
         before = self.poses.get(name)
-        same = before is not None and isinstance(pose, PoseState) and before.same(pose)
-        return before if same else pose
+        return before if _same(before, pose) else pose
 
     def _write(self, items):
         """Write the library, then show it as it is now."""
-        if not self.path.exists():  # a folder that cannot be written to has a library all the same
-            self._show(items)
-        save_library(self.path, items, self.session)
+        self._unkept = None
+        try:
+            save_library(self.path, items, self.session)
+            if self._spare is not None:  # all that it has was read with the rest
+                with suppress(OSError):
+                    self._spare.unlink()
+        except OSError as error:
+            if self.path.exists():
+                raise
+            why = self.lab.in_words(error).rstrip(".")
+            self._unkept = f"Not kept: {why}; these poses last as long as this page."
+            self.lab.say(self._unkept)
         self._show(items)
 
     def _show(self, items):
@@ -128,8 +152,9 @@ class StripPanel(Panel):
     def _tell(self, n_others):
         unread = "" if self._unread is None else f"Not read: {self._unread} "
         once = "" if self.path.exists() else " once you add a pose"
+        kept = self._unkept or f"Kept in {self.path.name}{once}."
         left_out = f" {n_others} of another model are in it, too." if n_others else ""
-        text = f"{unread}Kept in {self.path.name}{once}.{left_out}"
+        text = f"{unread}{kept}{left_out}"
         self._about.value = markup('<div class="facelab-status">{}</div>', text)
 
     def add(self, name=""):
@@ -146,7 +171,7 @@ class StripPanel(Panel):
         self._chosen = name
         self._write({**items, name: pose})
         if before is not None and not before.same(pose):
-            self.back.offer(f"the {name} before", (name, before, list(items).index(name)))
+            self.back.offer(name, (name, before, list(items).index(name)), replaced=True)
 
     def refresh(self):
         """Mark the pose of the library that is on screen; of several alike, the one clicked on."""
@@ -180,6 +205,8 @@ class StripPanel(Panel):
         if do == "choose":
             self._chosen = name
             self.session.restore(self.poses[name])
+            if not self.lab.clip.over_pose:
+                self.lab.clip.halt()
             if self.lab.frame is not None and not self.lab.clip.over_pose:
                 self.lab.show_pose()
             self.refresh()
@@ -202,6 +229,10 @@ class StripPanel(Panel):
     def _put_back(self):
         name, pose, place = self.back.gone
         items = self._read()
+        if self.back.replaced and name in items:
+            self._write({**items, name: pose})
+            self.back.offer(name, (name, items[name], place), replaced=True)
+            return
         if name in items:
             raise ValueError(f"there is another {name} in the library now; rename that one first.")
         listed = list(items.items())
@@ -225,6 +256,27 @@ class StripPanel(Panel):
 def _at_hand(items):
     """Poses whose model is at hand."""
     return {name: pose for name, pose in items.items() if isinstance(pose, PoseState)}
+
+
+def _in_place_of(path):
+    """The file that takes the place of one that cannot be read."""
+    return path.with_name(f"new-{path.name}")
+
+
+def _joined(items, more):
+    """All poses of two libraries; another pose of a name that is taken is numbered."""
+    joined = dict(items)
+    for name, pose in more.items():
+        numbered = (f"{name} ({k})" for k in count(2))
+        free = (n for n in chain([name], numbered) if _same(joined.get(n, pose), pose))
+        joined.setdefault(next(free), pose)
+    return joined
+
+
+def _same(a, b):
+    """Whether two items of a library, poses or as they are stored, are the same."""
+    both = isinstance(a, PoseState) and isinstance(b, PoseState)
+    return a.same(b) if both else a == b
 
 
 def _free_name(items):

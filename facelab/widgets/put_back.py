@@ -16,8 +16,12 @@ class PutBack:
 
     Attributes
     ----------
+    name : str
+        Of what was taken out.
     gone : object
         What was taken out, None for nothing.
+    replaced : bool
+        Whether something else has taken its place.
     widget : ipywidgets.Widget
         Shown while there is something to put back.
     """
@@ -28,14 +32,16 @@ class PutBack:
         self.widget = widgets.HBox([self._text, self.button], layout={"align_items": "center"})
         self.forget()
 
-    def offer(self, name, gone):
-        """Say that `gone` was taken out, by its name."""
-        self.gone = gone
+    def offer(self, name, gone, replaced=False):
+        """Say that `gone` was taken out, or replaced, by its name."""
+        self.name, self.gone, self.replaced = name, gone, replaced
+        did = "Replaced" if replaced else "Removed"
         self._text.value = markup(
-            '<div class="facelab-status" role="status">Removed <b>{}</b>.</div>', name
+            '<div class="facelab-status" role="status">{} <b>{}</b>.</div>', did, name
         )
         self.widget.layout.display = "flex"
 
     def forget(self):
         """Nothing is to be put back."""
-        self.gone, self.widget.layout.display = None, "none"
+        self.gone, self.replaced = None, False
+        self.widget.layout.display = "none"

@@ -688,6 +688,26 @@ def test_poses_are_added_by_enter_renamed_where_clicked_and_put_back(fresh, tmp_
     click(fresh, "Put back")
     wait_until(fresh, "list(lab.strip.poses) == ['neutral', 'wry smile', 'grin']")
     expect(page.get_by_text("Removed wry smile.").first).not_to_be_visible()
+    name.fill("grin")
+    name.press("Enter")  # what is on screen is the wry smile
+    expect(page.get_by_text("Replaced grin.").first).to_be_visible()
+    snapshot(fresh, "replaced")
+    click(fresh, "Put back")
+    wait_until(fresh, "not lab.strip.poses['grin'].same(lab.strip.poses['wry smile'])")
+    for pose in ("neutral", "grin"):
+        show_tab(fresh, "Time")
+        fresh.run("lab.clip.play.playing = False; lab.clip.slider.value = 0")
+        click(fresh, "Back to the pose")
+        click(fresh, "Key here")
+        fresh.run("lab.clip.play.playing = True")
+        wait_until(fresh, "lab.frame is not None and lab.clip.seconds > 0.3")
+        show_tab(fresh, "Poses")
+        strip.get_by_text(pose, exact=True).click()
+        wait_until(fresh, "not lab.clip.play.playing")
+        page.wait_for_timeout(1500)
+        wait_until(fresh, "lab.frame is None")
+        wait_until(fresh, f"lab.session.state.same(lab.strip.poses[{pose!r}])")
+    fresh.run("lab.clip.slider.value = 0; lab.clip.set_clip(None)")
 
 
 def test_a_key_takes_the_frame_on_screen_and_the_clip_is_no_shorter_than_it(fresh):
@@ -715,6 +735,9 @@ def test_a_key_takes_the_frame_on_screen_and_the_clip_is_no_shorter_than_it(fres
     snapshot(fresh, "key_gone")
     click(fresh, "Put back")
     wait_until(fresh, "lab.clip.track.times == [0, 1, 2]")
+    click(fresh, "Key here")  # the slider is where it was
+    expect(page.get_by_text("Replaced the key at 1.00 s.").first).to_be_visible()
+    snapshot(fresh, "key_replaced")
     fresh.run("lab.clip.set_clip(None)")
 
 

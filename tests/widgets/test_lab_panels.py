@@ -384,7 +384,9 @@ def test_the_library_comes_back_after_a_restart_with_names_order_and_pictures(la
     assert [item["picture"] for item in again.strip.strip.items] == pictures
     press(again.strip.strip, "choose", "open")
     assert again.session.model is rig and again.session.coefficients[0] == pytest.approx(0.7)
-    assert again.files.name.options == (), "a library is no pose"
+    save_library(again.last.path, {"last": again.session.state}, again.session)
+    again.files._list_files()
+    assert again.files.name.options == (), "a library is no pose, nor is the pose of last time"
 
 
 def test_a_library_that_cannot_be_read_is_left_alone_and_told(lab, parts, tmp_path):
@@ -402,6 +404,34 @@ def test_a_library_that_cannot_be_read_is_left_alone_and_told(lab, parts, tmp_pa
     lab.strip.add("late")  # the file broke while this lab was open
     assert path.read_text() == "{ broken"
     assert list(lab.strip.poses) == ["neutral", "mine", "more", "late"]
+
+
+def test_what_was_kept_in_place_of_a_library_is_found_when_that_can_be_read_again(
+    lab, parts, tmp_path
+):
+    model, rig = parts
+    path = lab.strip.path
+
+    def opened():
+        return PosingLab(PosingSession(model, rig.neutral), folder=tmp_path)
+
+    lab.strip.add("smile")
+    whole = path.read_bytes()
+    path.write_text("{ broken")
+    other = opened()
+    pull(other.session, 17, [0, 0, 2.0])
+    for name in ("smile", "frown"):
+        other.strip.add(name)
+    path.write_bytes(whole)
+    names = ["neutral", "smile", "smile (2)", "frown"]
+    for again in (opened(), opened()):
+        assert list(again.strip.poses) == names
+    assert again.strip.poses["smile"].same(lab.strip.poses["smile"])
+    assert other.strip.path.exists(), "reading changes no file"
+    press(again.strip.strip, "remove", "frown")
+    assert list(load_library(path, lab.session)[0]) == names[:3]
+    assert not other.strip.path.exists()
+    assert list(opened().strip.poses) == names[:3], "what was taken out stays out"
 
 
 def test_a_library_of_another_face_of_the_same_mesh_is_left_alone(lab, parts, tmp_path):
@@ -494,9 +524,75 @@ def test_a_pose_taken_out_of_the_library_can_be_put_back(lab):
     strip.rename.click()
     strip.back.button.click()
     assert list(strip.poses) == ["neutral", "smirk", "bump", "new smirk"]
+
+
+def test_a_pose_that_add_replaced_is_put_back_and_exchanged_again(lab):
+    strip = lab.strip
     strip.add("smirk")
-    assert "the smirk before" in strip.back._text.value, "what was replaced can be put back, too"
-    assert strip.back.gone[1].same(smirk)
+    strip.add("bump")
+    before = strip.poses["smirk"]
+    pull(lab.session, 17, [0, 0, 2.0])
+    strip.add("smirk")
+    after = strip.poses["smirk"]
+    assert "Replaced <b>smirk</b>" in strip.back._text.value and not after.same(before)
+    for wanted in (before, after, before):
+        strip.back.button.click()
+        assert lab._message.value == "" and strip.poses["smirk"].same(wanted)
+        stored, _ = load_library(strip.path, lab.session)
+        assert list(stored) == ["neutral", "smirk", "bump"] and stored["smirk"].same(wanted)
+    strip.strip.chosen = 1
+    strip.name.value = "renamed"
+    strip.rename.click()
+    strip.back.button.click()
+    assert list(strip.poses) == ["neutral", "smirk", "renamed", "bump"]
+    assert strip.back.widget.layout.display == "none"
+
+
+def test_a_library_that_cannot_be_written_lasts_as_long_as_the_page(lab, tmp_path):
+    strip = lab.strip
+    (tmp_path / "file").write_text("no folder")
+    strip.path = tmp_path / "file" / "poses.library.json"
+    pull(lab.session, 17, [0, 0, 2.0])
+    strip.name.value = "bump"
+    strip.keep.click()
+    assert list(strip.poses) == ["neutral", "bump"] and strip.name.value == ""
+    assert lab._message.value == "" and "Not kept: " in strip._about.value
+    assert "; these poses last as long as this page." in strip._about.value
+    assert "Not kept" in lab._status.value, "the panel may be out of sight"
+    press(strip.strip, "remove", "bump")
+    strip.back.button.click()
+    assert list(strip.poses) == ["neutral", "bump"] and lab._message.value == ""
+    strip.path = tmp_path / "poses.library.json"
+    strip.add("more")
+    assert "Not kept" not in strip._about.value
+    assert list(load_library(strip.path, lab.session)[0]) == ["neutral", "bump", "more"]
+
+
+def test_a_pose_chosen_while_the_clip_plays_stays(keyed, monkeypatch):
+    lab, clip, now = keyed, keyed.clip, [0.0]
+    monkeypatch.setattr("facelab.widgets.posing_clips.time.monotonic", lambda: now[0])
+    lab.strip.add("open")
+    lab.session.reset()
+    clip.slider.value, clip.play.playing = 40, True
+    press(lab.strip.strip, "choose", "open")
+    assert not clip.play.playing and lab.frame is None
+    clip.slider.value = 41  # the page had sent it before
+    np.testing.assert_array_equal(lab.vertices, lab.session.vertices)
+    assert lab.frame is None and lab.session.coefficients[0] == pytest.approx(0.8)
+    now[0] += 1
+    clip.slider.value = 42
+    assert lab.frame is not None
+
+
+def test_the_neutral_of_a_new_library_is_neutral(parts, tmp_path):
+    model, rig = parts
+    session = PosingSession(model, rig.neutral)
+    pull(session, 17, [0, 0, 2.0])
+    session.look(10, 0)
+    strip = PosingLab(session, folder=tmp_path).strip
+    neutral = strip.poses["neutral"]
+    assert not neutral.coefficients.any() and neutral.gaze == (0, 0) and not neutral.pins
+    assert session.pins and strip.strip.chosen == -1
 
 
 def test_a_pose_that_cannot_be_written_is_told_and_its_name_stays(lab, monkeypatch):
@@ -613,6 +709,30 @@ def test_a_key_taken_out_can_be_put_back(keyed):
     assert "another key at 2.00 s" in keyed._message.value and clip.track.times == [2.0]
 
 
+def test_a_key_or_a_clip_that_was_replaced_can_be_put_back(keyed):
+    lab, clip = keyed, keyed.clip
+    first = clip.clip
+    lab.files.save_clip.click()
+    lab.session.slide(0, 0, 0.4)
+    clip.key.click()  # over the one at 2 s
+    second = clip.clip
+    assert "Replaced <b>the key at 2.00 s</b>" in clip.back._text.value
+    for wanted in (first, second, first):
+        clip.back.button.click()
+        assert clip.clip is wanted and lab._message.value == ""
+    clip.set_clip(second.moved_key(1, 1.5))
+    assert clip.back.widget.layout.display == "none", "what was there is no longer"
+    third = clip.clip
+    lab.files.load_clip.click()
+    assert "Replaced <b>the key poses</b>" in clip.back._text.value
+    lab.session.use(lab.models["region"])
+    clip.back.button.click()
+    assert "of another model" in lab._message.value and clip.clip is not third
+    lab.session.use(lab.models["rig"])
+    clip.back.button.click()
+    assert clip.clip is third
+
+
 def test_what_is_kept_of_a_frame_of_a_clip_is_what_is_on_screen(keyed, tmp_path):
     lab, clip = keyed, keyed.clip
     lab.session.reset()
@@ -646,6 +766,29 @@ def test_what_is_kept_of_a_frame_of_a_clip_is_what_is_on_screen(keyed, tmp_path)
     assert "your pose is not" not in clip._about.value
     lab.strip.add("posed")
     assert not lab.strip.poses["posed"].coefficients.any()
+
+
+@pytest.mark.parametrize("kept", ["add", "key", "save"])
+def test_what_is_kept_during_a_drag_is_what_is_on_screen(lab, kept):
+    lab._press(17)
+    lab._move(np.array([0, 0, 4.0]))
+    shown = lab.session.vertices
+    if kept == "add":
+        lab.strip.add("held")
+        got = lab.session.vertices_in(lab.strip.poses["held"])
+    elif kept == "key":
+        lab.clip.key.click()
+        got = lab.session.vertices_of(lab.clip.clip.poses[0])
+    else:
+        lab.files.save.click()
+        again = PosingSession(lab.session.model, lab.mesh)
+        load_pose(lab.files.lab.folder / "pose.json", again)
+        got = again.vertices
+    assert np.abs(shown - lab.mesh.vertices).max() > 1 and lab._message.value == ""
+    np.testing.assert_allclose(got, shown, atol=1e-9)
+    lab._release()
+    assert lab.session.n_undo == 1 and not lab.session.dragging
+    np.testing.assert_allclose(lab.session.vertices, shown, atol=1e-9)
 
 
 def test_the_frame_of_keys_that_are_gone_leaves_the_screen(keyed):
