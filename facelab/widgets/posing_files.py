@@ -93,7 +93,7 @@ class FilePanel(Panel):
     def _press(self, button):
         self._result.value = ""
         session, clip = self.session, self.lab.clip
-        shown = clip.on_screen()
+        shown = session if button in (self.load, self.load_clip) else clip.on_screen()
         posed = session.neutral.with_vertices(shown.vertices)
         props = self.lab.props if self.with_props.value else ()
         turned = turn_eyes(props, shown.state.gaze)

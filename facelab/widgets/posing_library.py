@@ -132,10 +132,8 @@ class StripPanel(Panel):
             pose: self._pictures.get(pose) or self._picture(pose) for pose in poses.values()
         }
         self.strip.items = [
-            *(
-                {"id": k, "name": k, "tip": k, "picture": self._pictures[s], "buttons": _BUTTONS}
-                for k, s in poses.items()
-            )
+            {"id": k, "name": k, "tip": k, "picture": self._pictures[s], "buttons": _BUTTONS}
+            for k, s in poses.items()
         ]
         self.refresh()
         with quiet(self):
@@ -207,8 +205,8 @@ class StripPanel(Panel):
             self.session.restore(self.poses[name])
             if not self.lab.clip.over_pose:
                 self.lab.clip.halt()
-            if self.lab.frame is not None and not self.lab.clip.over_pose:
-                self.lab.show_pose()
+                if self.lab.frame is not None:
+                    self.lab.show_pose()
             self.refresh()
             return
         items = self._read(name)

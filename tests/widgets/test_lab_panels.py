@@ -927,3 +927,19 @@ def test_a_rig_without_landmarks_has_places_named_all_the_same():
     lab = ExpressionLab(ExpressionSession(BlendshapeRig(bare, small.names, small.deltas)))
     names = {lab.name_of(v) for v in range(bare.n_vertices)}
     assert {"nose tip", "chin", "mouth corner left", "brow right"} <= names
+
+
+def test_a_pose_is_loaded_over_a_frame_that_the_model_cannot_pose(lab, monkeypatch):
+    pull(lab.session, 17, [0, 0, 3.0])
+    pose = lab.session.vertices
+    lab.files.name.value = "kept"
+    lab.files.save.click()
+    lab.session.reset()
+
+    def impossible():
+        raise ValueError("no pose of the model")
+
+    monkeypatch.setattr(lab.clip, "on_screen", impossible)
+    lab.files.load.click()
+    assert lab._message.value == ""
+    np.testing.assert_array_equal(lab.session.vertices, pose)
