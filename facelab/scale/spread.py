@@ -63,9 +63,7 @@ def _rounds(work, items, client, patience):
                 found = [future for future in waiting if future.cancelled()]
             for future in found:
                 try:
-                    result, error = None, _error(future)
-                    if error is None:
-                        result = future.result(timeout=10)
+                    result, error = _taken(future)
                 except TimeoutError:  # lost with its worker, which is made good by another
                     continue
                 yield waiting.pop(future), result, error
@@ -90,8 +88,15 @@ def _has_workers(client):
         return False
 
 
-def _error(future):
+def _taken(future):
     if future.cancelled():
-        return Lost("it was cancelled: the scheduler was stopped, or lost.")
+        return None, Lost("it was cancelled: the scheduler was stopped, or lost.")
     error = future.exception(timeout=10)
-    return None if error is None else told(error)
+    if error is not None:
+        return None, told(error)
+    try:
+        return future.result(timeout=10), None
+    except TimeoutError:
+        raise
+    except Exception as error:  # of the work done again, where its worker died with the result
+        return None, told(error)

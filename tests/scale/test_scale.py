@@ -131,6 +131,27 @@ def test_poisoned_and_killing_takes_do_not_stop_the_others(client, tmp_path):
             assert (result, error) == (name, None)
 
 
+def test_a_result_lost_with_its_worker_is_made_once_more(client, monkeypatch):
+    """The work is done again beside one that kills its workers, and counts as a killer itself."""
+    from distributed import Future, KilledWorker
+
+    fetched, result = [], Future.result
+
+    def lost(future, timeout=None):
+        fetched.append(future.key)
+        if len(fetched) == 1:
+            raise KilledWorker(future.key, None, 1)
+        if len(fetched) == 2:
+            raise TimeoutError
+        return result(future, timeout)
+
+    monkeypatch.setattr(Future, "result", lost)
+    items = [(name, "") for name in "abc"]
+    found = {i: (r, error) for i, r, error in scale.each(work, items, client)}
+    assert found == {i: (name, None) for i, name in enumerate("abc")}
+    assert len(set(fetched)) == 4  # one of three was submitted twice
+
+
 LIMIT = 400 * 10**6  # bytes: a worker with facelab has half of it before it works
 STEP = 2 * 10**6  # numbers
 
