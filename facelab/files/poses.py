@@ -157,6 +157,15 @@ def read_library(path, session, models=()):
     return found
 
 
+def is_of_another_face(path, session):
+    """Whether a file of poses is whole, but of another face than the session's."""
+    try:
+        face = load_json(existing_file(path, "file").read_bytes(), path, "file").value["mesh"]
+        return bool(differs(face, fingerprint(session.neutral)))
+    except (OSError, ValueError, TypeError, KeyError):
+        return False
+
+
 def _write(path, kind, session, content):
     check_writable(path)  # before the work
     head = {

@@ -142,11 +142,14 @@ class PosedFace:
         V = self.neutral.vertices + solver.shown(coefficients)
         return V[0] if coefficients.ndim == 1 else V
 
+    def before_pins(self, state):
+        """Displacements of the shown face that a state would have without its pins: (1, n, 3)."""
+        own = self.solver(state)
+        return own.shown(own.problem([]).solve(np.zeros((0, 3)), state.c_0, state.molded))
+
     def carried_over(self, state, model):
         """c_0 of a state without its pins, as another model can express it, (P,)."""
-        own, solver = self.solver(state), self.solver(replace(state, model=model))
-        bare = own.problem([]).solve(np.zeros((0, 3)), state.c_0, state.molded)
-        return solver.encode(own.shown(bare))[0]
+        return self.solver(replace(state, model=model)).encode(self.before_pins(state))[0]
 
     def mirrored(self, x):
         """Displacements of the shown face left for right, (n_vertices, 3)."""

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from facelab.checks import as_finite, as_numbers, check_choice, check_type
+from facelab.geometry.symmetry import MIRROR
 from facelab.models.region import BETA
 from facelab.numeric.undo import History, edit, has_history
 from facelab.posing.drag import Drag, moving_with, targets
@@ -426,20 +427,28 @@ class PosingSession(PinEdits, Molding):
 
     @edit
     def mirror(self):
-        """The whole pose, left for right, as well as the model can; pins are taken away.
+        """The whole pose and its pins, left for right, as well as the model can.
 
         Raises
         ------
         ValueError
             If the mirror map leaves vertices without a partner.
         """
-        x = self._face.mirrored(self.vertices - self.neutral.vertices)
         left, up = self.state.gaze
-        return replace(self._applied(self._solver.encode(x[None])[0]), gaze=(0.0 - left, up))
+        x = self._face.mirrored(self._face.before_pins(self.state)[0])
+        pins = {int(self.partners[v]): (v, MIRROR @ t) for v, t in self.state.pins.items()}
+        return replace(self._from(x, pins), gaze=(0.0 - left, up))
+
+    def _from(self, x, pins):
+        """The state with other pins, see `PoseState.placed`, on a face displaced by x, (n, 3)."""
+        c_0 = self._solver.encode(x[None])[0]
+        return self._solved(**self.state.placed(pins), c_0=c_0, molded=np.zeros_like(c_0))
 
     @edit
     def copy_side(self, side):
-        """One half of the pose onto the other, as well as the model can; pins are taken away.
+        """One half of the pose and its pins onto the other, as well as the model can.
+
+        The answer is that to the pins on both sides, as if they had been pulled symmetrically.
 
         Parameters
         ----------
@@ -452,11 +461,17 @@ class PosingSession(PinEdits, Molding):
             If the mirror map leaves vertices without a partner.
         """
         check_choice(side, "side", ("left", "right"))
-        x = self.vertices - self.neutral.vertices
+        x = self._face.before_pins(self.state)[0]
         seen, at = self._face.mirrored(x), self.neutral.vertices[:, 0]
         out = (at - at[self.partners]) * (1 if side == "left" else -1)
         wanted = np.where((out > 0)[:, None], x, np.where((out < 0)[:, None], seen, (x + seen) / 2))
-        return self._applied(self._solver.encode(wanted[None])[0])
+        pins = {}
+        for v, t in self.state.pins.items():
+            if out[v] > 0:
+                pins |= {v: (v, t), int(self.partners[v]): (v, MIRROR @ t)}
+            elif out[v] == 0:
+                pins[v] = v, (t + MIRROR @ t) / 2
+        return self._from(wanted, pins)
 
     @edit(model=(fingerprint, find_model))
     def use(self, model):

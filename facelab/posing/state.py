@@ -101,12 +101,23 @@ class PoseState:
 
     def without(self, gone):
         """What changes when some pins go, with their weights and locks: dict."""
+        return self.placed({v: (v, t) for v, t in self.pins.items() if v not in gone})
+
+    def placed(self, places):
+        """What changes when pins stand elsewhere, or go, or are there twice: dict.
+
+        Parameters
+        ----------
+        places : dict of int to (int, ndarray of shape (3,))
+            For each vertex that shall be pinned the pin that it takes after, and its displacement.
+        """
+        after = {v: pin for v, (pin, _) in places.items()}
         return {
-            "pins": {v: t for v, t in self.pins.items() if v not in gone},
-            "weights": {v: w for v, w in self.weights.items() if v not in gone},
-            "locked": self.locked.difference(gone),
-            "hidden": self.hidden.difference(gone),
-            "called": {v: name for v, name in self.called.items() if v not in gone},
+            "pins": {v: t for v, (_, t) in places.items()},
+            "weights": {v: self.weights.get(pin, 1.0) for v, pin in after.items()},
+            "locked": frozenset(v for v, pin in after.items() if pin in self.locked),
+            "hidden": frozenset(v for v, pin in after.items() if pin in self.hidden),
+            "called": {v: self.called.get(pin, "") for v, pin in after.items()},
         }
 
     def bare(self, c_0):

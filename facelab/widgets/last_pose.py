@@ -6,7 +6,7 @@ from pathlib import Path
 
 from IPython import get_ipython
 
-from facelab.files.poses import load_library, save_library
+from facelab.files.poses import is_of_another_face, load_library, save_library
 from facelab.posing.fingerprint import fingerprint
 from facelab.widgets.lab import Panel, button
 from facelab.widgets.page import shows_errors
@@ -31,17 +31,15 @@ class LastPose(Panel):
     """
 
     def _build(self):
-        faces = fingerprint(self.lab.mesh)["sizes"][-1]
         self.state, when = None, ""
-        for k in itertools.count(1):
-            name = f"face-{faces[:6]}{f'-{k}' * (k > 1)}{ENDING}"
-            self.path = Path(self.lab.folder) / name
-            if not self.path.exists():
+        for path in files_of_face(self.lab, ENDING):
+            self.path = path
+            if not path.exists():
                 break
             try:
-                poses, _ = load_library(self.path, self.session, self.lab.models)
+                poses, _ = load_library(path, self.session, self.lab.models)
             except (OSError, ValueError):
-                continue  # of another face with the same triangles, or damaged
+                continue  # damaged
             if _NAME in poses:  # not if it is of another model
                 self.state = poses[_NAME]
                 when = datetime.fromtimestamp(self.path.stat().st_mtime).strftime("%d %b, %H:%M")
@@ -62,6 +60,15 @@ class LastPose(Panel):
     @shows_errors
     def _back(self, _):
         self.session.restore(self.state)
+
+
+def files_of_face(lab, ending):
+    """Paths in the folder of a lab, without end, that are not of another face: generator."""
+    faces = fingerprint(lab.mesh)["sizes"][-1]
+    for k in itertools.count(1):
+        path = Path(lab.folder) / f"face-{faces[:6]}{f'-{k}' * (k > 1)}{ending}"
+        if not is_of_another_face(path, lab.session):  # with the same triangles
+            yield path
 
 
 def asked_by_page():

@@ -99,6 +99,7 @@ class ClipPanel(Panel):
     def set_clip(self, clip, model=None):
         """Put a clip of a model, the session's if left out, on the slider; None takes it away."""
         self.clip, self.model = clip, self.session.model if model is None else model
+        self.lab.clear()
         if clip is not None:
             with quiet(self):
                 self.length.max = max(self.length.max, clip.duration)

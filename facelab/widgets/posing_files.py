@@ -92,6 +92,7 @@ class FilePanel(Panel):
     @shows_errors
     def _press(self, button):
         self._result.value = ""
+        self.lab.clear()
         session, clip = self.session, self.lab.clip
         shown = session if button in (self.load, self.load_clip) else clip.on_screen()
         posed = session.neutral.with_vertices(shown.vertices)

@@ -24,7 +24,7 @@ from facelab.widgets.posing_clips import ClipPanel
 from facelab.widgets.posing_files import FilePanel
 from facelab.widgets.posing_library import StripPanel
 from facelab.widgets.posing_panels import PosePanel, ShapePanel, shade
-from facelab.widgets.step_words import PINLESS, pose_step
+from facelab.widgets.step_words import pose_step
 from facelab.widgets.thumbnail import Thumbnails
 from facelab.widgets.viewer import FaceView
 
@@ -228,9 +228,9 @@ class PosingLab(Lab):
                 "Redo": "One step forward again",
                 "Bake pins": "Keep this pose and take the pins away",
                 "Reset": "Back to the neutral face",
-                "L → R": "The person's left half onto the right one. The pins go",
-                "R → L": "The person's right half onto the left one. The pins go",
-                "Swap sides": "The whole pose, left for right. The pins go",
+                "L → R": "The person's left half onto the right one, pins too",
+                "R → L": "The person's right half onto the left one, pins too",
+                "Swap sides": "The whole pose, left for right, pins too",
             }.items()
         }
         self.undo, self.redo, self.keep, self.reset, _, _, self.mirror = self._buttons.values()
@@ -442,8 +442,6 @@ class PosingLab(Lab):
         act = session.log[-1:]
         self._made.setdefault(session.state, act)
         self.refresh()
-        if act and act[0]["do"] in PINLESS and session.history.line[session.n_undo - 1].pins:
-            self.say("The pins are gone: this pose is kept as it is.")
 
     # --- the mouse --------------------------------------------------------------------------------
 

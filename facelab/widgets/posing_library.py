@@ -4,16 +4,15 @@ import base64
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, count
-from pathlib import Path
 
 import ipywidgets as widgets
 import numpy as np
 
 from facelab.files.poses import read_library, save_library
 from facelab.posing.clips import interpolate, interpolate_gaze
-from facelab.posing.fingerprint import fingerprint
 from facelab.posing.state import PoseState
 from facelab.widgets.lab import WIDTH, Panel, button, row
+from facelab.widgets.last_pose import files_of_face
 from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.parts import ItemList
 from facelab.widgets.put_back import PutBack
@@ -40,8 +39,7 @@ class StripPanel(Panel):
     def _build(self):
         self._items, self._pictures = {}, {}  # all of the file; by pose
         self._chosen = self._unread = self._unkept = None
-        faces = fingerprint(self.lab.mesh)["sizes"][-1]
-        self.path = Path(self.lab.folder) / f"face-{faces[:6]}{ENDING}"
+        self.path = next(files_of_face(self.lab, ENDING))
         self.strip = ItemList("strip", self._react, label="Pose library")
         self.back = PutBack(self._put_back)
         self.name = widgets.Text(placeholder="name of the pose", layout={"width": "46%"})
@@ -127,6 +125,7 @@ class StripPanel(Panel):
         self._show(items)
 
     def _show(self, items):
+        self.lab.clear()
         self._items, poses = items, _at_hand(items)
         self._pictures = {
             pose: self._pictures.get(pose) or self._picture(pose) for pose in poses.values()

@@ -4,8 +4,6 @@ import numpy as np
 
 from facelab.looks.gaze import look_units
 
-PINLESS = "mirror", "copy_side"
-"""Edits that take all pins away, which their buttons do not ask for."""
 _BUTTONS = {
     "restore": "another pose",
     "reset": "reset",
@@ -31,8 +29,7 @@ def pose_step(before, after, name_of, models, edit=None):
     edit = edit or {"do": ""}
     said = _edit_words(edit, name_of)
     if said:
-        pins_gone = edit["do"] in PINLESS and before.pins
-        return f"{said}, pins off" if pins_gone else said
+        return said
     if before.model is not after.model:
         return f"model: {models.get(id(after.model), 'another')}"
     pulled = [v for v, t in after.pins.items() if not np.array_equal(t, before.pins.get(v))]

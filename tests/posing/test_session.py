@@ -1129,9 +1129,45 @@ def test_a_mirrored_pose_is_the_pose_left_for_right(twin):
     twin.mirror()
     mirrored = twin.vertices - twin.neutral.vertices
     np.testing.assert_allclose(mirrored, x[twin.partners] * [-1, 1, 1], atol=1e-8)
-    assert twin.pins == {}
+    np.testing.assert_allclose(twin.pins.pop(12) - twin.neutral.vertices[12], [-2.0, 1, 3])
     twin.mirror()
+    assert twin.pins.keys() == {8}
     np.testing.assert_allclose(twin.vertices - twin.neutral.vertices, x, atol=1e-8)
+
+
+def test_pins_go_to_the_other_side_with_all_that_they_are(twin):
+    pull(twin, 8, [2.0, 1, 3])
+    pull(twin, 10, [1.0, 0, 3])  # on the midline
+    twin.set_pin(8, weight=4, locked=True, hidden=True, name="tip")
+    t = twin.state.pins[10]
+    twin.mirror()
+    state = twin.state
+    assert twin.pin_weights == {12: 4.0, 10: 1.0} and state.called == {12: "tip"}
+    assert state.locked == state.hidden == {12}
+    np.testing.assert_array_equal(state.pins[10], t * [-1, 1, 1])
+    twin.copy_side("left")  # x above 30, where the pin is now
+    assert twin.pin_weights == {8: 4.0, 12: 4.0, 10: 1.0} and twin.state.locked == {8, 12}
+    np.testing.assert_array_equal(twin.state.pins[10], t * [0, 1, 1])
+    twin.undo()
+    twin.copy_side("right")
+    assert twin.pins.keys() == {10} and not twin.locked
+
+
+@pytest.mark.parametrize("limit", [None, 1.0])
+def test_a_side_copied_is_the_pose_pulled_on_both_sides(twin, limit):
+    twin.set(limit=limit)
+    twin.mold(0, 3, 0.5)
+    twin.copy_side("left")  # a start that is the same on both sides
+    start = twin.state
+    twin.symmetric = True
+    pull(twin, 12, [2.0, 1, 3])
+    both = twin.vertices
+    twin.restore(start)
+    twin.symmetric = False
+    pull(twin, 12, [2.0, 1, 3])
+    assert np.abs(twin.vertices - both).max() > 0.5
+    twin.copy_side("left")
+    np.testing.assert_allclose(twin.vertices, both, atol=1e-6)
 
 
 @pytest.mark.parametrize(

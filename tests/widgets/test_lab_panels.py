@@ -265,19 +265,7 @@ def test_half_a_face_is_mirrored_by_button(lab):
     lab._buttons["R → L"].click()
     x = lab.session.vertices - lab.session.neutral.vertices
     assert "bake" in lab._buttons["Bake pins"].tooltip.lower() or lab._message.value == ""
-    assert lab.steps.list.items[0]["name"] == "R → L, pins off" and np.abs(x).max() > 0.1
-
-
-def test_what_takes_the_pins_away_says_so_before_and_after(lab):
-    for name in ("L → R", "R → L", "Swap sides"):
-        button = lab._buttons[name]
-        assert "pins go" in button.tooltip
-        pull(lab.session, 90, [1.0, 0, 4])
-        assert "pins are gone" not in lab._status.value
-        button.click()
-        assert "The pins are gone: this pose is kept as it is." in lab._status.value
-        lab.undo.click()
-        assert "pins are gone" not in lab._status.value and lab.session.pins
+    assert lab.steps.list.items[0]["name"] == "R → L" and np.abs(x).max() > 0.1
 
 
 def test_steps_tell_apart_what_leads_to_states_alike(lab):
@@ -292,9 +280,9 @@ def test_steps_tell_apart_what_leads_to_states_alike(lab):
         (lambda: session.set_pin(17, name="tip"), "name nose tip"),
         (lambda: session.set_pin(17, weight=10), "weight of nose tip"),
         (lambda: session.set_pin(11, locked=True), "lock vertex 11"),
-        (session.mirror, "swap sides, pins off"),
         (session.mirror, "swap sides"),
         (lambda: session.copy_side("left"), "L → R"),
+        (session.keep, "pins baked"),
         (lambda: pull(session, 17, [0, 0, 3.0]), "pull nose tip"),
         (lambda: session.set_pin(17, hidden=True, name="tip"), "hide nose tip"),
         (session.reset, "reset"),
@@ -445,6 +433,28 @@ def test_a_library_of_another_face_of_the_same_mesh_is_left_alone(lab, parts, tm
         one.strip.add(name)
     assert list(one.strip.poses) == ["neutral", "first", "second"]
     assert lab.strip.path.read_bytes() == before
+    assert one.strip.path.name == lab.strip.path.name.replace(".library", "-2.library")
+    assert "Not read" not in one.strip._about.value
+
+
+def test_an_error_goes_away_with_the_next_thing_that_works(lab, tmp_path):
+    def fails():
+        lab.files.name.value = "no such pose"
+        lab.files.load.click()
+        assert "no such pose" in lab._message.value
+
+    lab.strip.add("mine")
+    lab.clip.key.click()
+    for act in (
+        lambda: press(lab.strip.strip, "remove", "mine"),
+        lab.strip.back.button.click,
+        lambda: press(lab.clip.keys, "remove", 0),
+        lab.clip.back.button.click,
+        lab.files.ply.click,
+    ):
+        fails()
+        act()
+        assert lab._message.value == ""
 
 
 def test_two_labs_of_a_face_keep_what_each_other_added_and_took_out(lab, parts, tmp_path):
