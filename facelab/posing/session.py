@@ -4,6 +4,7 @@ Tena et al. 2011, sections 3.2 and 6. The mathematics is in `facelab.posing.solv
 """
 
 import time
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -107,6 +108,13 @@ class PosingSession(PinEdits, Molding):
         self.history = History(start, clock=clock)
         self.history.aside = False  # whether drags are symmetric; live is a `Drag`
         self._shown = None, None  # a state and its vertices
+
+    def copy(self):
+        """Another session of the same face in the same state, with steps of its own."""
+        made = copy(self)
+        made.history, made._shown = History(self.state), (None, None)
+        made.history.aside = self.symmetric
+        return made
 
     # --- what is shown ----------------------------------------------------------------------------
 

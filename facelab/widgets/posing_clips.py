@@ -8,7 +8,6 @@ import ipywidgets as widgets
 import numpy as np
 
 from facelab.posing.clips import Clip
-from facelab.posing.session import PosingSession
 from facelab.widgets.lab import WIDTH, Panel, button, row
 from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.parts import ItemList, Track
@@ -161,14 +160,7 @@ class ClipPanel(Panel):
         if self.lab.frame is None:
             own.release()  # a drag under way is on screen, too
             return own
-        shown = PosingSession(
-            own.model,
-            own.neutral,
-            binding=own.binding,
-            shared_pins=own.shared_pins,
-            partners=own.partners,
-        )
-        shown.restore(own.state)
+        shown = own.copy()
         shown.apply(self._coefficients(), self.gaze)
         return shown
 

@@ -13,36 +13,22 @@ from facelab.geometry.binding import bind_to_samples
 from facelab.looks import face_props
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
-from facelab.plotting import region_colors
 from facelab.posing.session import PosingSession
 from facelab.segmentation.segment import segment_face
-from facelab.widgets.lab import Lab, button, row, toggle
+from facelab.widgets.lab import Lab, button, row
 from facelab.widgets.last_pose import LastPose
 from facelab.widgets.own_face import own_face
-from facelab.widgets.page import markup, quiet, shows_errors
+from facelab.widgets.page import quiet, shows_errors
 from facelab.widgets.posing_clips import ClipPanel
 from facelab.widgets.posing_files import FilePanel
 from facelab.widgets.posing_library import StripPanel
-from facelab.widgets.posing_panels import PosePanel, ShapePanel, shade
+from facelab.widgets.posing_panels import PosePanel, ShapePanel
+from facelab.widgets.posing_stage import Stage
 from facelab.widgets.step_words import pose_step
 from facelab.widgets.thumbnail import Thumbnails
-from facelab.widgets.viewer import FaceView
 
-_LOCKED, _FREE = (0.80, 0.25, 0.15), (1.0, 0.85, 0.0)
-_SIDE_BY_SIDE = 0.62  # of the size of a single view
-_GAP_SHOWN, _DISTANCE_SHOWN = 1.0, 4.0  # mm, and typical distances: where the colours end
 _HINT = "Drag: pose. Beside the face: turn. Shift: along the normal. Alt: past a pin."
-_SAME = 0.01  # mm
 _STILL = 340, 380  # pixels of the picture for where it does not run
-_NOTHING = "nothing"
-_PAINTS = {
-    "skin": "skin",
-    "regions": "regions",
-    "gaps before blending": "gaps",
-    "how far from training": "plausibility",
-    "wireframe": "wireframe",
-}
-_LOOKS = "skin", "texture", "wireframe"
 
 
 class PosingLab(Lab):
@@ -170,10 +156,9 @@ class PosingLab(Lab):
         self.props = face_props(session.neutral, self.rig) if props is None else list(props)
         self.takes, self.about = dict(takes or {}), ""
         self.thumbnails = Thumbnails(session.neutral, self.props)
-        self.view = self._new_view(*self.size)
-        self.other_view = None  # of the model beside it, made when it is first wanted
+        self.stage = Stage(self)
         self.frame = None  # a callable that gives vertices to show in place of the session's
-        self._held = self._hovered = None
+
         self._made = WeakKeyDictionary()  # the entry of the log, as a list, for each state
         self._build()
         session.observe(self._follow)
@@ -204,23 +189,17 @@ class PosingLab(Lab):
         """The face that the pins pull, shape (n_vertices, 3), millimetres."""
         return self.session.vertices
 
-    # --- the page ---------------------------------------------------------------------------------
+    @property
+    def view(self):
+        """The view in which the face is posed: FaceView."""
+        return self.stage.view
 
-    def _new_view(self, width, height, **kwargs):
-        view = FaceView(self.session.neutral, self.props, width, height, **kwargs)
-        view.on_hover, view.on_press = self._hover, self._press
-        view.on_move, view.on_release = self._move, self._release
-        view.names = [self.name_of(v) for v in range(self.mesh.n_vertices)]
-        return view
+    # --- the page ---------------------------------------------------------------------------------
 
     def _build(self):
         self.model_choice = widgets.ToggleButtons(
-            options=list(self.models), value=self._model_name(), style={"button_width": "auto"}
+            options=list(self.models), value=self.model_name, style={"button_width": "auto"}
         )
-        self.beside = _half([_NOTHING], "compare", "The answer of another model to the same pins")
-        paints = _PAINTS if self.mesh.texture is None else {**_PAINTS, "texture": "texture"}
-        self.paint = _half(paints, "colour", "What the colours of the face say")
-        self.ghost = toggle("Ghost", "The pose before the last step that moved the face, pale")
         self._buttons = {
             text: button(text, tip, self._press_button)
             for text, tip in {
@@ -237,23 +216,19 @@ class PosingLab(Lab):
         self.pose, self.shape = PosePanel(self), ShapePanel(self)
         self.strip, self.clip = StripPanel(self), ClipPanel(self)
         self.files, self.last = FilePanel(self), LastPose(self)
-        self._captions = widgets.HTML(), widgets.HTML()
-        first = widgets.VBox([self._captions[0], self.view.widget], layout=_growing())
-        self._faces = widgets.HBox([first], layout={"flex_flow": "row nowrap"})
         above = [
-            row(self.model_choice, self.ghost),
-            row(self.beside, self.paint),
+            row(self.model_choice, self.stage.ghost),
+            row(self.stage.beside, self.stage.paint),
             row(*self._buttons.values(), *self.last.widgets),
         ]
         panels = {"Pins": self.pose, "Sliders": self.shape, "Poses": self.strip}
         panels |= {"Time": self.clip, "Files": self.files}
-        self._lay_out([self._faces], above, panels, self._reactions(), _KEYS)
+        self._lay_out([self.stage.widget], above, panels, self._reactions(), _KEYS)
         self.model_choice.observe(self._choose_model, names="value")
-        self.beside.observe(self._choose_beside, names="value")
-        self.paint.observe(self._choose_paint, names="value")
-        self.ghost.observe(self._show_ghost, names="value")
 
-    def _model_name(self):
+    @property
+    def model_name(self):
+        """Name of the session's model, None if it is of a script."""
         return next((n for n, m in self.models.items() if m is self.session.model), None)
 
     def fail(self, error):
@@ -270,31 +245,19 @@ class PosingLab(Lab):
         """Show the session as it is now."""
         session = self.session
         self.clear()
-        if self._model_name() is None:  # a script gave the session a model of its own
+        if self.model_name is None:  # a script gave the session a model of its own
             self.models["other"] = session.model
         with quiet(self):
             self.model_choice.options = list(self.models)
-            self.model_choice.value = self._model_name()
-            others = [name for name in self.models if name != self._model_name()]
-            chosen = self.beside.value
-            self.beside.options = [_NOTHING, *others]
-            self.beside.value = chosen if chosen in others else _NOTHING
-            self._arrange()
+            self.model_choice.value = self.model_name
         self.undo.disabled, self.redo.disabled = not session.can_undo, not session.can_redo
-        for panel in (self.pose, self.shape, self.clip, self.strip, self.steps):
+        for panel in (self.pose, self.shape, self.clip, self.strip, self.steps, self.stage):
             panel.refresh()
-        self._answers = self._compute_answers()
-        self.show()
-        self._color()
-        self._show_ghost()
-        self._tell()
+        self.tell()
 
     def show(self):
         """Show the pose, or the frame of a clip that is on."""
-        for view, session in self._answers:
-            view.gaze = self.gaze
-            view.show(self.vertices if session is self.session else session.vertices)
-        self._show_pins()
+        self.stage.show()
 
     def show_frame(self, frame):
         """Show what `frame()` gives, shape (n_vertices, 3), in place of the session's pose."""
@@ -316,97 +279,9 @@ class PosingLab(Lab):
         """Where the eyes on screen are turned, beyond what the skin says: see `PoseState`."""
         return self.session.state.gaze if self.frame is None else self.clip.gaze
 
-    @property
-    def views(self):
-        """Views on the page: one, or two that are compared."""
-        return [self.view] + [self.other_view] * (self.beside.value != _NOTHING)
-
-    def _arrange(self):
-        """One view, or two side by side with the names of their models.
-
-        A view once made stays in the page: taking it away would stop the shared orbit, and that
-        divides by the height of its canvas, so it is only covered up.
-        """
-        wanted, (width, height) = self.views, self.size
-        if None in wanted:
-            self.other_view = self._new_view(width, height, linked_to=self.view)
-            wanted[1] = self.other_view
-            box = widgets.VBox([self._captions[1], self.other_view.widget], layout=_growing())
-            self._faces.children = [*self._faces.children, box]
-        both = len(wanted) == 2
-        names = self._model_name(), self.beside.value
-        for caption, name in zip(self._captions, names, strict=True):
-            caption.value = markup("<b>{}</b>", name)
-            caption.layout.display = "flex" if both else "none"
-        for box in self._faces.children[1:]:
-            box.layout.visibility = "visible" if both else "hidden"
-            box.layout.flex, box.layout.height = ("1 1 0", "auto") if both else ("0 0 0", "0px")
-        scale = _SIDE_BY_SIDE if both else 1
-        for view in wanted:
-            view.resize(round(scale * width), round(scale * height))
-
-    def _compute_answers(self):
-        """Each view with a session: the lab's own, and one of the other model under its pins."""
-        own = self.session
-        answers = [(self.view, own)]
-        if self.beside.value != _NOTHING:
-            other = PosingSession(
-                own.model,
-                own.neutral,
-                binding=own.binding,
-                shared_pins=own.shared_pins,
-                partners=own.partners if own.symmetric else None,
-            )
-            other.restore(own.state)
-            other.use(self.models[self.beside.value])
-            other.symmetric = own.symmetric
-            answers.append((self.other_view, other))
-        return answers
-
-    def _show_pins(self):
-        pins = self.session.pins if self.frame is None else {}
-        pins = {v: t for v, t in pins.items() if v not in self.session.hidden}
-        locked = self.session.locked
-        colors = [_LOCKED if v in locked else _FREE for v in pins]
-        for view, _ in self._answers:
-            view.show_pins(pins, colors, self.session.pin_names)
-
-    @shows_errors
-    def _show_ghost(self, _=None):
-        """The last other shape of the face, where that is wanted: not all steps move it."""
-        session = self.session
-        wanted = self.ghost.value and self.frame is None
-        steps = session.history.line[: session.n_undo][::-1] if wanted else ()
-        faces, now = map(session.vertices_in, steps), session.vertices
-        ghost = next((V for V in faces if np.abs(V - now).max() > _SAME), None)
-        for view, _ in self._answers:
-            view.show_ghost(ghost)
-
-    def _color(self):
-        for view, session in self._answers:
-            view.paint(self._colors_of(session))
-            view.look = self.paint.value if self.paint.value in _LOOKS else "skin"
-
-    def _colors_of(self, session):
-        """Colours of the face, shape (n_vertices, 3), or None for skin."""
-        labels = session.region_labels
-        if self.paint.value == "gaps":
-            return shade("PuBuGn", session.gaps() / _GAP_SHOWN)
-        if self.paint.value in _LOOKS or labels is None:
-            return None
-        if self.paint.value == "regions":
-            return region_colors(session.regions)[labels]
-        return shade("YlOrBr", self.distance(session) / _DISTANCE_SHOWN)[labels]
-
-    def _tell(self, text=None):
-        if text is None:
-            text = {
-                "gaps": f"Gaps between regions: at most {self.session.gaps().max():.2f} mm; "
-                f"dark from {_GAP_SHOWN:g} mm.",
-                "plausibility": "Pale: as in training. Dark: "
-                f"{_DISTANCE_SHOWN:g} times as far as is typical, or more.",
-            }.get(self.paint.value, _HINT)
-        self.say(text)
+    def tell(self):
+        """Say what the colours on the face mean, or how to pose it."""
+        self.say(self.stage.legend() or _HINT)
 
     def distance(self, session):
         """How far each region is from training, 1 as is typical: shape (n_regions,), or None."""
@@ -422,7 +297,7 @@ class PosingLab(Lab):
     def _follow(self, what):
         """The session has changed, by this lab, another one, or a script."""
         try:
-            over = self._held is not None and not self.session.dragging
+            over = self.stage.held is not None and not self.session.dragging
             if over:  # by an undo, here or elsewhere
                 self._give_up()
             if what == "step":
@@ -431,7 +306,7 @@ class PosingLab(Lab):
                 self.last.keep()
                 if over:
                     self.say("Your pull was given up: the pose was changed meanwhile.")
-            elif self._held is None:
+            elif self.stage.held is None:
                 self.show()
         except Exception as error:
             error.step_made = what == "step"
@@ -443,71 +318,12 @@ class PosingLab(Lab):
         self._made.setdefault(session.state, act)
         self.refresh()
 
-    # --- the mouse --------------------------------------------------------------------------------
-
-    @shows_errors
-    def _hover(self, vertex):
-        self._hovered = vertex
-
-    @shows_errors
-    def _press(self, vertex):
-        if self.frame is not None:
-            self.clip.take_up()
-        self._clicking, self._held = True, vertex
-        self.clear()
-        self._answers = self._compute_answers()
-        self._hands = []
-        for view, posed in self._answers:
-            answer, start = posed.press(vertex), posed.pins[vertex]
-            self._hands.append((view, posed, answer))
-            self._from = start if posed is self.session else self._from
-            if answer is not None:
-                drawn = start + view.vertices[vertex] - posed.vertices[vertex]
-                view.begin_pull(answer, vertex, drawn, self._from - start)
-
-    @shows_errors
-    def _move(self, offset):
-        if self._held is None:
-            return
-        self._clicking = False
-        target = self._from + offset
-        self.session.drag(self._held, target)
-        for view, posed, answer in self._hands:
-            if answer is not None:  # the page draws the skin
-                if posed is self.session:
-                    view.carry_props(self.vertices)
-                continue
-            if posed is not self.session:
-                posed.drag(self._held, target)
-            view.show(self.vertices if posed is self.session else posed.vertices)
-        self._show_pins()
-
-    @shows_errors
-    def _release(self):
-        vertex, self._held = self._held, None
-        if vertex is None:
-            return
-        self.session.release()
-        if self._clicking:
-            self.refresh()
-            self.shape.choose_at(vertex)
-
     # --- the panel's callbacks --------------------------------------------------------------------
 
     @shows_errors
     def _choose_model(self, change):
         if not self.settling:
             self.session.use(self.models[change["new"]])
-
-    @shows_errors
-    def _choose_beside(self, _):
-        if not self.settling:
-            self.refresh()
-
-    @shows_errors
-    def _choose_paint(self, _):
-        self._color()
-        self._tell()
 
     @shows_errors
     def _press_button(self, button):
@@ -539,40 +355,29 @@ class PosingLab(Lab):
             "l": lambda: self._at_hovered(self.pose.toggle_lock),
             **dict.fromkeys(("x", "Delete"), lambda: self._at_hovered(self.pose.remove_pin)),
             "p": self.strip.add,
-            **{k: lambda way=way: self.view.look_from(way) for k, way in _VIEWS.items()},
+            **{k: lambda way=way: self.stage.view.look_from(way) for k, way in _VIEWS.items()},
             "Space": self.clip.toggle,
             "Escape": self._give_up,
         }
 
     def _at_hovered(self, action):
-        if self._hovered is None:
+        if self.stage.hovered is None:
             raise ValueError("no point of the face is under the mouse; move it, or Tab to a pin.")
-        action(self._hovered)
+        action(self.stage.hovered)
 
     def _next_model(self):
         names = list(self.models)
-        self.session.use(self.models[names[(names.index(self._model_name()) + 1) % len(names)]])
+        self.session.use(self.models[names[(names.index(self.model_name) + 1) % len(names)]])
 
     def _next_beside(self):
-        names = list(self.beside.options)
-        self.beside.value = names[(names.index(self.beside.value) + 1) % len(names)]
+        beside = self.stage.beside
+        names = list(beside.options)
+        beside.value = names[(names.index(beside.value) + 1) % len(names)]
 
     def _give_up(self):
-        for view in self.views:
-            view.end_drag()
-        self._held = None
+        self.stage.give_up()
         self.session.cancel()
         self.refresh()
-
-
-def _half(options, text, tip):
-    made = widgets.Dropdown(options=options, description=text, layout={"width": "48%"})
-    made.style.description_width, made.tooltip = "58px", tip
-    return made
-
-
-def _growing():
-    return widgets.Layout(flex="1 1 0", min_width="0", overflow="hidden")
 
 
 _VIEWS = {"1": (0, 0, 1), "2": (0.7, 0, 0.7), "3": (-0.7, 0, 0.7)}

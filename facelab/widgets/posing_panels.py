@@ -97,7 +97,7 @@ class PosePanel(Panel):
 
     @shows_errors
     def _switch(self, change):
-        for view in self.lab.views:
+        for view in self.lab.stage.views:
             view.along_normal = self.along.value
         if self.settling:
             return

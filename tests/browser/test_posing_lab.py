@@ -20,7 +20,7 @@ def fresh(posing_lab):
         "lab.view.look_from()\n"
         "session = lab.session\n"
         "session.use(lab.models['region']); session.reset(); session.set(beta=0.5, gamma=0.025)\n"
-        "lab.beside.value = lab.beside.options[0]; lab.tabs.selected_index = 0\n"
+        "lab.stage.beside.value = lab.stage.beside.options[0]; lab.tabs.selected_index = 0\n"
         "face = session.neutral"
     )
     posing_lab.bring_into_view()
@@ -273,7 +273,7 @@ def test_keys_work_on_the_pin_that_tab_has_chosen_wherever_the_mouse_is(fresh):
     wait_until(fresh, "list(session.pins) == ends[1:]")
     expect(page.locator(".facelab-chosen-pin")).to_have_count(0)
     press("l")  # and it is the point under the mouse again
-    wait_until(fresh, "session.locked == {lab._hovered} and lab._hovered not in ends")
+    wait_until(fresh, "session.locked == {lab.stage.hovered} and lab.stage.hovered not in ends")
     press("l")
     press("x")
     wait_until(fresh, "list(session.pins) == ends[1:]")
@@ -473,7 +473,8 @@ def test_the_holistic_model_answers_the_same_pins_beside_it_with_the_whole_face(
     pull(fresh, "mouth_corner_left", [3, 6, 0])
     snapshot(fresh, "side_by_side")
     far = np.linalg.norm(neutral - neutral[landmark(fresh, "mouth_corner_left")], axis=1) > 40
-    shown = fresh.run("", v="[lab.view.vertices.tolist(), lab.other_view.vertices.tolist()]")["v"]
+    views = "(lab.view, lab.stage.other_view)"
+    shown = fresh.run("", v=f"[view.vertices.tolist() for view in {views}]")["v"]
     region, holistic = (np.linalg.norm(np.array(V) - neutral, axis=1)[far] for V in shown)
     assert (holistic**2).sum() > 1.5 * (region**2).sum()
     pictures = [canvases.nth(k).screenshot() for k in (0, 1)]

@@ -1193,6 +1193,19 @@ def test_a_face_without_partners_cannot_be_mirrored_but_dragged(model, regions):
         session.mirror()
 
 
+def test_a_copy_of_a_session_is_the_same_and_goes_its_own_way(twin, rng):
+    twin.symmetric = True
+    pull(twin, 8, [2.0, 1, 3])
+    made, before = twin.copy(), twin.state
+    assert made.state.same(before) and made.symmetric and made.n_undo == 0
+    np.testing.assert_array_equal(made.vertices, twin.vertices)
+    made.use(HolisticModel(5).fit(rng.normal(size=(30, 126))))
+    pull(made, 20, [0, 0, 1.0])
+    assert twin.state is before and twin.n_undo == 1 and made.n_undo == 2
+    twin.undo()
+    assert len(made.pins) == 4
+
+
 # --- molding without pins -------------------------------------------------------------------------
 
 

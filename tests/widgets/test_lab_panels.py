@@ -318,7 +318,7 @@ def test_steps_made_before_the_lab_are_told_from_their_states(parts):
 
 
 def test_the_ghost_is_of_the_last_step_that_moved_the_face(lab):
-    lab.ghost.value = True
+    lab.stage.ghost.value = True
     lab.session.set(beta=0.3)
     assert lab.view._ghost is None or not lab.view._ghost.visible, "nothing has moved yet"
     before = lab.session.vertices
@@ -333,7 +333,7 @@ def test_the_ghost_is_of_the_last_step_that_moved_the_face(lab):
 def test_the_ghost_is_the_pose_before_the_last_step(lab):
     pull(lab.session, 17, [0, 0, 4.0])
     before = lab.session.vertices
-    lab.ghost.value = True
+    lab.stage.ghost.value = True
     pull(lab.session, 90, [0, 0, 4.0])
     ghost = lab.view._ghost
     at = ghost.geometry.attributes["position"].array
@@ -342,7 +342,7 @@ def test_the_ghost_is_the_pose_before_the_last_step(lab):
     np.testing.assert_allclose(at.shape, before.shape)
     rest = ghost.geometry.attributes["position"].array
     np.testing.assert_allclose(rest, lab.session.neutral.vertices, atol=1e-4)
-    lab.ghost.value = False
+    lab.stage.ghost.value = False
     assert not ghost.visible
 
 
@@ -780,8 +780,8 @@ def test_what_is_kept_of_a_frame_of_a_clip_is_what_is_on_screen(keyed, tmp_path)
 
 @pytest.mark.parametrize("kept", ["add", "key", "save"])
 def test_what_is_kept_during_a_drag_is_what_is_on_screen(lab, kept):
-    lab._press(17)
-    lab._move(np.array([0, 0, 4.0]))
+    lab.stage._press(17)
+    lab.stage._move(np.array([0, 0, 4.0]))
     shown = lab.session.vertices
     if kept == "add":
         lab.strip.add("held")
@@ -796,7 +796,7 @@ def test_what_is_kept_during_a_drag_is_what_is_on_screen(lab, kept):
         got = again.vertices
     assert np.abs(shown - lab.mesh.vertices).max() > 1 and lab._message.value == ""
     np.testing.assert_allclose(got, shown, atol=1e-9)
-    lab._release()
+    lab.stage._release()
     assert lab.session.n_undo == 1 and not lab.session.dragging
     np.testing.assert_allclose(lab.session.vertices, shown, atol=1e-9)
 

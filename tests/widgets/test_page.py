@@ -52,8 +52,8 @@ def hostile_labs(folder):
         takes={hostile("take"): motion},
         folder=folder,
     )
-    posing.beside.value = "rig"
-    posing._hover(40)
+    posing.stage.beside.value = "rig"
+    posing.stage._hover(40)
     posing.session.set_pin(40)
     posing.shape.choose_at(40)
     posing.strip.add(hostile("pose"))

@@ -101,7 +101,7 @@ def test_the_lab_shows_them_on_choice_and_its_face_is_pulled_as_ever(mesh):
     vertex = int(mesh.vertices[:, 2].argmax())
     ends = []
     for choice in ("skin", "texture", "wireframe", "regions"):
-        lab.paint.value = choice
+        lab.stage.paint.value = choice
         assert lab.view.look == (choice if choice != "regions" else "skin")
         lab.session.reset()
         hand.press(lab.view, vertex)
@@ -116,8 +116,8 @@ def test_the_lab_shows_them_on_choice_and_its_face_is_pulled_as_ever(mesh):
 
 def test_the_lab_offers_no_texture_where_there_is_none():
     lab = PosingLab.open(FIXTURES / "avatar.glb", n_regions=4)
-    assert "texture" not in dict(lab.paint.options).values()
-    assert "wireframe" in dict(lab.paint.options).values()
+    assert "texture" not in dict(lab.stage.paint.options).values()
+    assert "wireframe" in dict(lab.stage.paint.options).values()
 
 
 def test_a_drawing_has_the_colours_of_the_picture(mesh):

@@ -319,8 +319,8 @@ def test_an_error_after_a_step_says_that_the_step_was_made(lab, monkeypatch):
 
     monkeypatch.setattr(lab.shape, "choose_at", boom)
     lab.session.drag(17, lab.session.vertices[17] + [2.0, 0, 0])
-    lab._clicking, lab._held = True, 17
-    lab._release()
+    lab.stage._clicking, lab.stage.held = True, 17
+    lab.stage._release()
     assert "The step was made." in lab._message.value
     lab.files.name.value = ""
     lab.files.save.click()
@@ -427,17 +427,17 @@ def test_symmetric_drags_pull_both_sides_and_are_drawn_so(lab):
 
 def test_colours_follow_the_regions_and_go_again(lab):
     plain = lab.view._color.array.copy()
-    lab.paint.value = "regions"
+    lab.stage.paint.value = "regions"
     labels = lab.session.model.regions.labels
     assert len(np.unique(skin_of(lab.view), axis=0)) == len(np.unique(labels))
-    lab.paint.value = "skin"
+    lab.stage.paint.value = "skin"
     np.testing.assert_array_equal(lab.view._color.array, plain)
 
 
 def test_gaps_are_dark_where_regions_disagree_and_plain_inside_them(lab):
     lab.pose.beta.value = 0.0
     pull(lab, 65, [0.0, 0, 8.0])  # beside a border of two regions
-    lab.paint.value = "gaps"
+    lab.stage.paint.value = "gaps"
     gaps = lab.session.gaps()
     assert gaps.max() > 0.1 and f"{gaps.max():.2f} mm" in lab._status.value
     dark = skin_of(lab.view).sum(axis=1)
@@ -449,7 +449,7 @@ def test_the_gauge_of_the_region_that_was_pulled_rises(lab):
     pull(lab, 26, [0.0, 0, 20.0])
     rise = np.array([row["bar"] for row in lab.shape.regions.items]) - before
     assert rise.argmax() == lab.session.region_labels[26]
-    lab.paint.value = "plausibility"
+    lab.stage.paint.value = "plausibility"
     assert len(np.unique(skin_of(lab.view), axis=0)) == 4
 
 
@@ -498,28 +498,28 @@ def test_regions_are_named_as_their_places_are(lab):
 
 def test_another_model_answers_the_same_pins_beside_the_first(lab, models):
     pull(lab, 17, [2.0, 1, 3])
-    lab.beside.value = "holistic"
-    a, b = (drawn(view) for view in (lab.view, lab.other_view))
+    lab.stage.beside.value = "holistic"
+    a, b = (drawn(view) for view in (lab.view, lab.stage.other_view))
     alone = PosingSession(models["holistic"], lab.session.neutral)
     alone.set_pin(17, lab.session.pins[17])
     np.testing.assert_allclose(a, lab.session.vertices, atol=1e-4)
     np.testing.assert_allclose(b, alone.vertices, atol=1e-4)
-    for view in (lab.view, lab.other_view):  # dragged in either, the pin is the same in both
+    for view in (lab.view, lab.stage.other_view):  # dragged in either, the pin is the same in both
         pull(lab, 90, [1.0, 2, 0], view=view)
         alone.set_pin(90, lab.session.pins[90])
-        np.testing.assert_allclose(drawn(lab.other_view), alone.vertices, atol=1e-4)
-    lab.beside.value = lab.beside.options[0]
-    assert lab._faces.children[1].layout.visibility == "hidden"
+        np.testing.assert_allclose(drawn(lab.stage.other_view), alone.vertices, atol=1e-4)
+    lab.stage.beside.value = lab.stage.beside.options[0]
+    assert lab.stage.widget.children[1].layout.visibility == "hidden"
     assert lab.view._hand.size == list(lab.size)
 
 
 @pytest.mark.parametrize("other", ["holistic", "rig"])
 def test_both_views_follow_while_the_mouse_moves(lab, other):
-    lab.beside.value = other
+    lab.stage.beside.value = other
     drag(lab, 17, [2.0, 1, 3])
-    shown = [drawn(view) for view in (lab.view, lab.other_view)]
+    shown = [drawn(view) for view in (lab.view, lab.stage.other_view)]
     let_go(lab.view)
-    for before, view in zip(shown, (lab.view, lab.other_view), strict=True):
+    for before, view in zip(shown, (lab.view, lab.stage.other_view), strict=True):
         np.testing.assert_allclose(before, drawn(view), atol=1e-3)
 
 
@@ -562,7 +562,7 @@ def test_keys_do_what_the_list_says(lab):
     press_key(lab, "m")
     assert lab.model_choice.value == "holistic"
     press_key(lab, "c")
-    assert lab.beside.value != lab.beside.options[0]
+    assert lab.stage.beside.value != lab.stage.beside.options[0]
     hover(lab.view, 30)
     press_key(lab, "h")
     assert list(lab.session.pins) == [30]
