@@ -9,6 +9,7 @@ import codecs
 import csv
 import io
 import re
+from pathlib import Path
 
 from facelab.names import normalised
 from facelab.storage import existing_file
@@ -135,7 +136,7 @@ class TextTable:
     """
 
     def __init__(self, path, what):
-        self.path, self.what, self.ended = path, what, True
+        self.path, self.what, self.ended = Path(path), what, True
         self._lines = text_lines(path, what)
         self.delimiter = None
         self.header_line, line = self._first_line()
