@@ -10,6 +10,8 @@ WAIT = 20.0
 
 _LOCAL = {
     "distributed.scheduler.allowed-failures": 1,  # what kills two of them is the work, not chance
+    # a worker that happens to be down so long after a death would be given up for good
+    "distributed.deploy.lost-worker-timeout": "30 days",
     "distributed.worker.memory.pause": False,  # one that only waits for memory may wait for ever
     "distributed.worker.profile.enabled": False,  # looks at what runs a hundred times a second
 }

@@ -131,6 +131,18 @@ def test_poisoned_and_killing_takes_do_not_stop_the_others(client, tmp_path):
             assert (result, error) == (name, None)
 
 
+def test_a_worker_that_dies_comes_back_however_often(tmp_path):
+    import dask
+
+    items = [("killed once", str(tmp_path / str(k))) for k in range(4)]
+    with (
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "1 ms"}),  # for others' clusters
+        scale.cluster(workers=1, memory=None) as client,
+    ):
+        found = [(r, error) for _, r, error in scale.each(work, items, client, patience=5)]
+    assert found == 4 * [("killed once", None)]
+
+
 def test_a_result_lost_with_its_worker_is_made_once_more(client, monkeypatch):
     """The work is done again beside one that kills its workers, and counts as a killer itself."""
     from distributed import Future, KilledWorker
