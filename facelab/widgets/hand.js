@@ -3,6 +3,8 @@
 
 const EVERY = 125; // ms: with a press and a release, at most ten messages a second
 const NEAR = 12; // pixels: a pin this near to the mouse is what it takes
+const LOOSE = 2; // mm: a target so far from its skin is seen by itself
+const BENEATH = 5; // mm that a target may lie under the skin and is still seen
 const RIM = 3; // mm: a mouse this near to a lid or lip, but in the opening, is on its rim
 const AVERTED = 0.2; // of a normal: skin in a crease, as the corner of a mouth, looks away so far
 const STILL = 0.6; // mm: a hand that only clicks moves less
@@ -11,6 +13,7 @@ const STEP = 0.5; // mm an arrow key moves a pin
 const PAUSE = 400; // ms without an arrow key end such a pull
 const WIDEST = 1.6; // of the width that was asked for
 const HIGHEST = 0.8; // of the window
+const BOTH_SIDES = 2; // three.DoubleSide
 const SVG = "http://www.w3.org/2000/svg";
 const PULL = "facelab-pull"; // tells the other views of a face what is pulled, and where to
 const VIEWS = [
@@ -126,6 +129,22 @@ function hush(scene) {
   });
 }
 
+// Skin is seen from both sides. three.js turns the normals of a triangle that looks away even where
+// the smooth normal does not: at a crease and along an outline that makes dark specks.
+const FACING = `vec3 normal = normalize(vNormal);
+if (dot(normal, normalize(vViewPosition)) < -0.3) normal = -normal;`;
+
+function smoothen(scene) {
+  scene.traverse(({ material }) => {
+    if (!material?.isMeshStandardMaterial || material.side !== BOTH_SIDES || material.facelab) return;
+    material.facelab = true;
+    material.onBeforeCompile = (shader) => {
+      shader.fragmentShader = shader.fragmentShader.replace("#include <normal_fragment_begin>", FACING);
+    };
+    material.needsUpdate = true;
+  });
+}
+
 // The kernel hears by several threads, so messages may come in another order than they went: each
 // says which vertex is held, and how pulls before it have ended that were not dealt with by then.
 const about = ({ press, vertex, before }) => ({ press, vertex, before });
@@ -145,6 +164,7 @@ class Hand {
     this.rested = performance.now();
     this.listening = new AbortController();
     hush(this.view.scene);
+    smoothen(this.view.scene);
     this.stage.facelab = this; // for who wants to look in from outside
     this.#build();
     this.#listen();
@@ -320,8 +340,8 @@ class Hand {
     const mouse = [event.x - box.left, event.y - box.top];
     let best = null, least = NEAR;
     for (const [vertex, target] of this.model.get("pins")) {
-      const ends = this.seen(vertex, lens) ? [target, row(this.skin.X, vertex)] : [target];
-      for (const point of ends) {
+      if (!this.inView(vertex, target, lens)) continue;
+      for (const point of this.seen(vertex, lens) ? [target, row(this.skin.X, vertex)] : [target]) {
         const off = Math.hypot(...add(this.onCanvas(point, lens, box), mouse, -1));
         if (off < least) [best, least] = [{ vertex, point, pin: true }, off];
       }
@@ -360,6 +380,16 @@ class Hand {
   seen(vertex, lens) {
     const away = add(lens.eye, row(this.skin.X, vertex), -1);
     return dot(row(this.skin.N, vertex), away) > -AVERTED * Math.hypot(...away);
+  }
+
+  // Whether a pin is in view: its skin, or its target off a skin that looks away, as a closed lid's.
+  inView(vertex, target, lens) {
+    if (this.seen(vertex, lens)) return true;
+    if (Math.hypot(...add(target, row(this.skin.X, vertex), -1)) < LOOSE) return false;
+    const way = add(target, lens.eye, -1);
+    const { X, faces } = this.skin;
+    const hit = firstHit(lens.eye, way, X, faces, faces.length / 3);
+    return !hit || (1 - hit.t) * Math.hypot(...way) < BENEATH;
   }
 
   nameOf(vertex) {
@@ -681,7 +711,7 @@ class Hand {
     }
     for (const { vertex, target, color, held: always } of drawn) {
       const chosen = vertex === this.chosen;
-      if (!always && !chosen && !this.seen(vertex, lens)) continue;
+      if (!always && !chosen && !this.inView(vertex, target, lens)) continue;
       const at = row(this.skin.X, vertex);
       const lit = always || (this.under?.pin && this.under.vertex === vertex);
       const [[x1, y1], [x2, y2]] = [place(at), place(target)];

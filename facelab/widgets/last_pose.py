@@ -60,6 +60,7 @@ class LastPose(Panel):
     @shows_errors
     def _back(self, _):
         self.session.restore(self.state)
+        self.widgets[0].layout.display = "none"
 
 
 def files_of_face(lab, ending):

@@ -2,6 +2,7 @@
 // that never answer for the person, and a line of time with keys to drag.
 
 const EDITABLE = "input:not([type=range]), textarea, select, [contenteditable=true], .cm-editor";
+const PLAYER = { play: "Play", pause: "Pause", stop: "Stop", retweet: "Repeat" };
 const OWN_KEYS = [" ", "Enter", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
 
 // Keys go to the lab that the mouse is over, unless a text is being edited; JupyterLab's own
@@ -22,6 +23,15 @@ function keys({ model, el }) {
       for (const handle of name ? box.querySelectorAll(".noUi-handle, input, select") : [])
         if (handle.getAttribute("aria-label") !== name) handle.setAttribute("aria-label", name);
     }
+    for (const [sign, name] of Object.entries(PLAYER))
+      for (const button of root?.querySelectorAll(`.widget-play button:has(.fa-${sign})`) ?? [])
+        if (button.getAttribute("aria-label") !== name) {
+          button.setAttribute("aria-label", name);
+          button.title = name;
+        }
+    for (const box of root?.querySelectorAll(".widget-inline-hbox[title]") ?? [])
+      for (const control of box.querySelectorAll(".noUi-handle, select"))
+        if (!control.hasAttribute("aria-label")) control.setAttribute("aria-label", box.title);
     for (const button of root?.querySelectorAll(".widget-toggle-button") ?? []) {
       const pressed = String(button.classList.contains("mod-active"));
       if (button.getAttribute("aria-pressed") !== pressed) button.setAttribute("aria-pressed", pressed);

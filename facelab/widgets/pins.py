@@ -42,7 +42,17 @@ class PinPanel(Panel):
         self.name.style.description_width = "44px"
         self.name.tooltip = "What to call this pin; empty for the name of its place"
         self._editor = widgets.VBox([self.name, row(*self.target)])
-        self.widget = widgets.VBox([self.list, self._editor])
+        marks = self.lab.places.mesh.landmarks.values()
+        places = {self.lab.name_of(v): int(v) for v in sorted(marks, reverse=True)}
+        self.place = widgets.Dropdown(
+            options=[("choose a place ...", None), *sorted(places.items())],
+            description="Pin", layout={"width": WIDTH}, style={"description_width": "44px"},
+            tooltip="A pin without the mouse; arrow keys move it when the focus is on the face",
+        )  # fmt: skip
+        if not places or not hasattr(self.pinned, "hold"):
+            self.place.layout.display = "none"
+        self.widget = widgets.VBox([self.list, self._editor, self.place])
+        self.place.observe(self._hold, names="value")
         self.name.observe(self._rename, names="value")
         for field in self.target:
             field.observe(self._type, names="value")
@@ -122,6 +132,15 @@ class PinPanel(Panel):
         elif do == "weight":
             heavier = [w for w in _WEIGHTS.values() if w > 1.01 * pinned.pin_weights[vertex]]
             pinned.set_pin(vertex, weight=(heavier or list(_WEIGHTS.values()))[0])
+
+    @shows_errors
+    def _hold(self, change):
+        if change["new"] is not None:
+            with quiet(self):
+                self.place.value = None
+            self.chosen = change["new"]
+            self.pinned.hold(self.chosen)
+            self.refresh()
 
     def toggle_lock(self, vertex):
         """Lock a pin, or free it; a vertex without one is pinned where it is, and locked."""

@@ -10,6 +10,7 @@ import numpy as np
 from facelab.data.examples import load_example
 from facelab.files.rigs import read_rig
 from facelab.geometry.binding import bind_to_samples
+from facelab.geometry.symmetry import MIRROR
 from facelab.looks import face_props
 from facelab.models.holistic import HolisticModel
 from facelab.models.region import RegionModel
@@ -28,6 +29,7 @@ from facelab.widgets.step_words import pose_step
 from facelab.widgets.thumbnail import Thumbnails
 
 _HINT = "Drag: pose. Beside the face: turn. Shift: along the normal. Alt: past a pin."
+_ASKEW = 0.5  # mm that one side may be off the mirror image of the other without a word
 _STILL = 340, 380  # pixels of the picture for where it does not run
 
 
@@ -333,10 +335,21 @@ class PosingLab(Lab):
             "Redo": session.redo,
             "Bake pins": session.keep,
             "Reset": session.reset,
-            "L → R": lambda: session.copy_side("left"),
-            "R → L": lambda: session.copy_side("right"),
-            "Swap sides": session.mirror,
+            "L → R": lambda: self._to_the_other(lambda: session.copy_side("left")),
+            "R → L": lambda: self._to_the_other(lambda: session.copy_side("right")),
+            "Swap sides": lambda: self._to_the_other(session.mirror),
         }[button.description]()
+
+    def _to_the_other(self, act):
+        """Pose the other side like this one, and say how far off a model is that cannot do it."""
+        rest, partners = self.mesh.vertices, self.session.partners
+        before = self.session.vertices - rest
+        act()
+        after = self.session.vertices - rest
+        mirrored = (before if act == self.session.mirror else after)[partners] @ MIRROR
+        off = np.linalg.norm(after - mirrored, axis=1).max()
+        if off > _ASKEW:
+            self.say(f"As near as this model comes: up to {off:.1f} mm from the mirror image.")
 
     # --- keys -------------------------------------------------------------------------------------
 

@@ -181,7 +181,8 @@ class ShapePanel(Panel):
                     share = _percent(shares[k])
                     tip += f" for one standard deviation; {share} of the region's motion"
                     side = self._names[region].split(" ")[-1]  # said by the region's own name
-                    does = " ".join(w for w in does.split(" ") if w != side)
+                    if side in ("left", "right"):
+                        does = " ".join(w for w in does.split(" ") if w != side)
                     name = f"{does or name}, {share}"
                 seen.append(name)
                 n = seen.count(name)
@@ -233,6 +234,7 @@ class ShapePanel(Panel):
     def _choose(self, _, region):
         self.region = region
         self.refresh()
+        self.lab.stage.color()
 
     def choose_at(self, vertex):
         """Choose the region of a vertex of the face."""

@@ -13,6 +13,7 @@ _LOCKED, _FREE = (0.80, 0.25, 0.15), (1.0, 0.85, 0.0)
 _SIDE_BY_SIDE = 0.62  # of the size of a single view
 _GAP_SHOWN, _DISTANCE_SHOWN = 1.0, 4.0  # mm, and typical distances: where the colours end
 _SAME = 0.01  # mm
+_CHOSEN = 0.1, 0.1, 0.1  # the outline of the region whose sliders are shown
 _NOTHING = "nothing"
 _PAINTS = {
     "skin": "skin",
@@ -62,7 +63,7 @@ class Stage(Panel):
         self._arrange()
         self.ask()
         self.show()
-        self._color()
+        self.color()
         self._show_ghost()
 
     def show(self):
@@ -89,7 +90,7 @@ class Stage(Panel):
 
     @shows_errors
     def _choose_paint(self, _):
-        self._color()
+        self.color()
         self.lab.tell()
 
     def _new_view(self, width, height, **kwargs):
@@ -156,7 +157,8 @@ class Stage(Panel):
         for view, _ in self.answers:
             view.show_ghost(ghost)
 
-    def _color(self):
+    def color(self):
+        """Colour the faces as chosen, the region whose sliders are shown within an outline."""
         for view, session in self.answers:
             view.paint(self._colors_of(session))
             view.look = self.paint.value if self.paint.value in _LOOKS else "skin"
@@ -169,8 +171,13 @@ class Stage(Panel):
         if self.paint.value in _LOOKS or labels is None:
             return None
         if self.paint.value == "regions":
-            return region_colors(session.regions)[labels]
-        return shade("YlOrBr", self.lab.distance(session) / _DISTANCE_SHOWN)[labels]
+            colors = region_colors(session.regions)[labels]
+        else:
+            colors = shade("YlOrBr", self.lab.distance(session) / _DISTANCE_SHOWN)[labels]
+        a, b = self.lab.mesh.edges.T
+        rim = np.r_[a, b][np.tile(labels[a] != labels[b], 2)]
+        colors[rim[labels[rim] == self.lab.shape.region]] = _CHOSEN
+        return colors
 
     # --- the mouse --------------------------------------------------------------------------------
 

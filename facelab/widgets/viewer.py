@@ -14,12 +14,13 @@ import ipywidgets as widgets
 import numpy as np
 import pythreejs as three
 import scipy.sparse as sp
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_hex
 
 from facelab.checks import check_choice
 from facelab.geometry.mesh import normals_operator, vertex_normals_by
 from facelab.looks import Lining, face_props
 from facelab.looks.light import FILL, KEY, RIM, STRENGTHS
+from facelab.looks.occlusion import skin_colors
 from facelab.numeric.undo import in_turn
 from facelab.plotting import SKIN
 from facelab.widgets.hand import Hand, packed_riders
@@ -92,12 +93,13 @@ class FaceView:
         self._doubles, self._pictured, self._uv = seam_doubles(mesh)
         self._operator = normals_operator(mesh.faces, mesh.n_vertices)
         self._proportions = width / height
+        self._props = PropMeshes(face_props(mesh) if props is None else props)
+        self._props.follow(self._V)  # teeth are in the dark of the mouth from the start
+        self._plain = skin_colors(mesh, SKIN, self._props.props)
         self._build_face()
         self._ghost = self._textured = None  # made when they are first wanted
         self._look = "skin"
         self._reserve_points(0)
-        self._props = PropMeshes(face_props(mesh) if props is None else props)
-        self._props.follow(self._V)  # teeth are in the dark of the mouth from the start
         if linked_to is None:
             self._build_camera(width / height)
             # what holds any linked view
@@ -387,7 +389,7 @@ class FaceView:
 
     def _skin(self, colors=None):
         """Vertex colours of face and lining."""
-        skin = np.tile(to_rgb(SKIN), (self._n, 1)) if colors is None else np.asarray(colors)
+        skin = self._plain if colors is None else np.asarray(colors)
         return self._with_lining(skin, self._lining.colors)
 
     @property

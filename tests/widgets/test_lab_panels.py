@@ -260,12 +260,30 @@ def test_a_gaze_slider_is_out_of_sight_where_there_are_no_eyes(lab, seeing):
     assert seeing.shape.gaze.layout.display is None
 
 
+def test_a_pin_can_be_set_without_the_mouse(lab):
+    place, pins = lab.pose.pin_list.place, lab.pose.pin_list
+    place.value = dict(place.options)["nose tip"]
+    assert lab.session.pins.keys() == {17} == {pins.chosen} and place.value is None
+    pins.target[2].value = 3.0
+    np.testing.assert_allclose(lab.session.pins[17] - lab.mesh.vertices[17], [0, 0, 3])
+
+
 def test_half_a_face_is_mirrored_by_button(lab):
     pull(lab.session, 17, [1.0, 0, 4])
     lab._buttons["R → L"].click()
     x = lab.session.vertices - lab.session.neutral.vertices
     assert "bake" in lab._buttons["Bake pins"].tooltip.lower() or lab._message.value == ""
     assert lab.steps.list.items[0]["name"] == "R → L" and np.abs(x).max() > 0.1
+    partners = lab.session.partners
+    off = np.linalg.norm(x - x[partners] * [-1, 1, 1], axis=1).max()
+    assert f"up to {off:.1f} mm from the mirror image" in lab._status.value
+    lab._buttons["Swap sides"].click()
+    y = lab.session.vertices - lab.session.neutral.vertices
+    off = np.linalg.norm(y - x[partners] * [-1, 1, 1], axis=1).max()
+    assert f"up to {off:.1f} mm from the mirror image" in lab._status.value
+    lab.reset.click()
+    lab._buttons["Swap sides"].click()
+    assert "mirror image" not in lab._status.value
 
 
 def test_steps_tell_apart_what_leads_to_states_alike(lab):

@@ -429,7 +429,16 @@ def test_colours_follow_the_regions_and_go_again(lab):
     plain = lab.view._color.array.copy()
     lab.stage.paint.value = "regions"
     labels = lab.session.model.regions.labels
-    assert len(np.unique(skin_of(lab.view), axis=0)) == len(np.unique(labels))
+    for region in (2, 0):
+        lab.shape.regions._handle_custom_msg({"do": "choose", "item": region}, [])
+        outline = skin_of(lab.view).max(axis=1) < 0.11
+        a, b = lab.session.neutral.edges.T
+        rim = {*a[labels[a] != labels[b]], *b[labels[a] != labels[b]]}
+        np.testing.assert_array_equal(
+            np.flatnonzero(outline), sorted(v for v in rim if labels[v] == region)
+        )
+        inside = np.unique(skin_of(lab.view)[~outline], axis=0)
+        assert len(inside) == len(np.unique(labels))
     lab.stage.paint.value = "skin"
     np.testing.assert_array_equal(lab.view._color.array, plain)
 
@@ -450,7 +459,7 @@ def test_the_gauge_of_the_region_that_was_pulled_rises(lab):
     rise = np.array([row["bar"] for row in lab.shape.regions.items]) - before
     assert rise.argmax() == lab.session.region_labels[26]
     lab.stage.paint.value = "plausibility"
-    assert len(np.unique(skin_of(lab.view), axis=0)) == 4
+    assert len(np.unique(skin_of(lab.view), axis=0)) == 4 + 1  # and the outline of the chosen one
 
 
 def slide(lab, slider, value):
