@@ -47,6 +47,14 @@ def some_take(rng, names=NAMES, n_frames=9, fps=29.97, lost=(0, 4), **more):
 # --- our own table --------------------------------------------------------------------------------
 
 
+def test_angles_of_our_own_table_are_radians_without_a_word(tmp_path, rng, recwarn):
+    angles = {"HeadYaw": np.linspace(0, 2.5, 9), "HeadRoll": np.arange(9) / 10}
+    write_weights_csv(tmp_path / "w.csv", some_take(rng, lost=(), angles=angles))
+    found = read_weights(tmp_path / "w.csv").angles
+    assert not len(recwarn)
+    np.testing.assert_array_equal(found["HeadYaw"], angles["HeadYaw"])
+
+
 @pytest.mark.parametrize(
     "names",
     [
