@@ -263,9 +263,10 @@ def _checked(found, face, is_angle, scale):
 
 def _in_degrees(found, values, is_angle):
     """Whether the angles are none in radians, all of them, for a file has one unit; doubts said."""
-    most = {found.names[k]: float(np.nanmax(np.abs(values[:, k]))) for k in np.flatnonzero(is_angle)}
+    most = {}
     for k in np.flatnonzero(is_angle):
-        if most[found.names[k]] > 360:
+        most[found.names[k]] = turn = float(np.nanmax(np.abs(values[:, k])))
+        if turn > 360:
             row = int(np.nanargmax(np.abs(values[:, k])))
             raise ValueError(
                 f"{found.place(row, k)}: {values[row, k]:g} is no angle, in radians or degrees; "
@@ -273,8 +274,8 @@ def _in_degrees(found, values, is_angle):
             )
     if far := [name for name, turn in most.items() if turn > 2 * np.pi]:
         found.warned.append(
-            f"{', '.join(far)} turn further than radians do, so all angles are perhaps in degrees: "
-            f"{', '.join(most)} are kept apart, in others"
+            f"{', '.join(far)} turn further than radians do: all {len(most)} angles, perhaps in "
+            "degrees, are kept apart, in others"
         )
         return True
     if found.weighed:  # a table of our own, where angles count in radians

@@ -1,3 +1,4 @@
+import re
 import warnings
 
 import numpy as np
@@ -219,6 +220,25 @@ def test_the_rate_that_is_meant_comes_out_of_times(tmp_path, rng, fps):
     P = rng.normal(scale=50, size=(400, 7, 3))
     take = read(tmp_path, plain(P, NAMES, fps=fps))
     assert take.fps == pytest.approx(fps, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "title, step, start, rate",
+    [
+        *(("timestamp", 1000 / 60, 0, "0.06"), ("time", 1, 0, "1"), ("t", 1, 1, "1")),
+        *(("time", 1000 / 60, 1690000000000, "0.06"), ("time_ms", 1 / 60, 0, "6e+04")),
+    ],
+)
+def test_times_at_the_pace_of_no_capture_are_refused(tmp_path, P, title, step, start, rate):
+    head, *rows = plain(P, NAMES, timed=False).split()
+    times = [start + step * i for i in range(30)]
+    times = [round(t, 5) if step < 1 else round(t) for t in times]
+    rows = [f"{t},{row}" for t, row in zip(times, rows, strict=True)]
+    text = "\n".join([f"{title},{head}", *rows]) + "\n"
+    words = rf"column {title} amounts to {re.escape(rate)}\d* frames/s.* 5 to 2000; name it time_ms"
+    with pytest.raises(ValueError, match=words):
+        read(tmp_path, text)
+    check(read(tmp_path, text, fps=60), P, 60)
 
 
 @pytest.mark.parametrize("write", [plain, trc, qualisys], ids=lambda f: f.__name__)
