@@ -195,6 +195,25 @@ def test_rotations_of_what_other_columns_place_are_no_markers(tmp_path, P, place
         assert read(tmp_path, plain(P, names, joint=joint)).names == tuple(names)
 
 
+@pytest.mark.parametrize(
+    "turn",
+    [
+        *("Head Rotation ", "Head_rot_", "headRotate", "HeadRot", "Rotation.Head.", "chin_vel_"),
+        *("Chin Velocity ", "chin_acceleration_", "Head_r", "Head_q", "chin_v", "quat_"),
+    ],
+)
+def test_turns_and_speeds_are_no_markers_with_nothing_placed_beside_them(tmp_path, P, turn):
+    lines = plain(P, NAMES, timed=False).split("\n")[:-1]
+    lines = [",".join([lines[0], *(turn + axis for axis in "xyz")])] + [
+        f"{line},12,13,14" for line in lines[1:]
+    ]
+    take = read(tmp_path, "\n".join(lines) + "\n", fps=30)
+    check(take, P, 30)
+    assert f"3 other column(s) left out ({turn}x, {turn}y, {turn}z)" in take.report.notes
+    with pytest.raises(ValueError, match=r"no column is called like .* but of turns or speeds"):
+        read(tmp_path, "Head_rot_x,Head_rot_y,Head_rot_z\n1,2,3\n", fps=30)
+
+
 def test_a_name_above_three_axes(tmp_path, P):
     head = ["frame"] + [n for name in NAMES for n in (name, "", "")]
     lines = [",".join(head), ",".join([""] + list("xyz") * 7)]
