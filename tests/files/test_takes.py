@@ -313,7 +313,7 @@ def categories(row, names):
     return scores + [{"score": w, "categoryName": n} for n, w in zip(names, row, strict=True)]
 
 
-@pytest.mark.parametrize("form", ["bare", "python", "script", "lines"])
+@pytest.mark.parametrize("form", ["bare", "python", "script", "flat", "inner", "lines"])
 def test_categories_of_mediapipe_are_weights(tmp_path, form):
     W = np.random.default_rng(0).uniform(0, 1, (9, 52)).round(4)
     faces = [[categories(row, ARKIT)] for row in W.tolist()]
@@ -326,6 +326,11 @@ def test_categories_of_mediapipe_are_weights(tmp_path, form):
             for i, face in enumerate(faces)
         ],
     }
+    frames["flat"] = [
+        {"timestampMs": 40 * i, "categories": face[0] if face else []}
+        for i, face in enumerate(faces)
+    ]
+    frames["inner"] = [[frame] for frame in frames["flat"]]
     frames["lines"] = frames["python"]
     path = tmp_path / ("w.jsonl" if form == "lines" else "w.json")
     lines = "\n".join(map(json.dumps, frames["lines"]))
@@ -349,8 +354,15 @@ def test_a_line_of_json_that_is_damaged_is_named(tmp_path):
 def test_two_faces_in_a_frame_are_refused(tmp_path):
     faces = [[categories([0.5] * 52, ARKIT)] * 2] * 3
     (tmp_path / "w.json").write_text(json.dumps([{"face_blendshapes": f} for f in faces]))
-    with pytest.raises(ValueError, match="each frame hold those of one face"):
+    with pytest.raises(ValueError, match=r"frame 0 holds 2 lists or tables, as of 2 faces, but"):
         read_weights(tmp_path / "w.json", fps=30)
+    (tmp_path / "w.json").write_text(json.dumps([{"categories": [*f[0], *f[1]]} for f in faces]))
+    with pytest.raises(ValueError, match=r"frame 0 has 106 weights of 53 names, as of several"):
+        read_weights(tmp_path / "w.json", fps=30)
+    beside = {"names": ["a", "b"], "frames": [{"time": 0.1, "weights": [[1, 0], [0, 1]]}]}
+    (tmp_path / "w.json").write_text(json.dumps(beside))
+    with pytest.raises(ValueError, match=r"frame 0 holds 2 lists or tables, as of 2 faces, but"):
+        read_weights(tmp_path / "w.json")
 
 
 ROWS = W.tolist()
