@@ -48,9 +48,10 @@ def read_marker_table(path, unit=None, fps=None, subject=None):
     Returns
     -------
     MarkerSequence
-        Millimetres, float32, axes as in the file. Empty cells and positions at exactly 0, 0, 0 are
-        hidden markers; frames missing in time are frames without markers. `report` says what was
-        left out, renamed and counted.
+        Millimetres, float32, axes as in the file. Empty cells, positions at exactly 0, 0, 0 and
+        values that fill gaps in all three coordinates (-9999, or -1 again and again) are hidden
+        markers; frames missing in time are frames without markers. `report` says what was left out,
+        renamed and counted.
 
     Raises
     ------
