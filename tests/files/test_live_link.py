@@ -221,6 +221,7 @@ def test_angles_beyond_half_a_turn_are_said(read):
 )
 def test_angles_that_no_head_turns_in_radians_are_said(read, name, most):
     W = values(40, 61)
+    W[21, FULL.index("HeadYaw")] = 1.55  # as far as a head turns
     W[20, FULL.index(name)] = -most
     words = f"{name} turn further than a head or an eye does in radians, up to {most}"
     with pytest.warns(UserWarning, match=words):

@@ -282,10 +282,12 @@ def _in_degrees(found, values, is_angle):
         return False
     remedy = "if these are degrees, take them as such (angles counts in radians)"
     if wide := [name for name, turn in most.items() if turn > _WIDEST.get(name, _EYE)]:
-        turn = max(most.values())
-        what = "half a turn" if turn > 1.01 * np.pi else "a head or an eye does"
+        half = [name for name in wide if most[name] > 1.01 * np.pi]
+        what = "half a turn" if half else "a head or an eye does"
+        turn = max(most[name] for name in wide)
         found.warned.append(
-            f"{', '.join(wide)} turn further than {what} in radians, up to {turn:.3g}; {remedy}"
+            f"{', '.join(half or wide)} turn further than {what} in radians, up to {turn:.3g}; "
+            f"{remedy}"
         )
     elif _are_tenths(values[:, is_angle]):
         found.warned.append(f"all angles are whole tenths; {remedy}")
