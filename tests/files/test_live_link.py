@@ -201,8 +201,9 @@ def test_angles_in_degrees_are_not_taken_for_radians(read):
     W[:, FULL.index("HeadYaw")] *= 30
     with pytest.warns(UserWarning, match=r"HeadYaw turn further than radians.* apart, in others"):
         take = read(live_link(CODES, rows=W.tolist()))
-    assert "HeadYaw" not in take.angles and "HeadPitch" in take.angles
-    np.testing.assert_allclose(take.others["HeadYaw"], W[:, FULL.index("HeadYaw")])
+    assert not take.angles and tuple(take.others) == ANGLES  # one file, one unit
+    for name in ANGLES:
+        np.testing.assert_allclose(take.others[name], W[:, FULL.index(name)])
     W[3, FULL.index("HeadYaw")] = 1e7
     with pytest.raises(ValueError, match=r"line 5, column HeadYaw: 1e\+07 is no angle"):
         read(live_link(CODES, rows=W.tolist()))
@@ -213,6 +214,25 @@ def test_angles_beyond_half_a_turn_are_said(read):
     W[:, FULL.index("HeadYaw")] = 4
     with pytest.warns(UserWarning, match="HeadYaw turn further than half a turn in radians"):
         assert "HeadYaw" in read(live_link(CODES, rows=W.tolist())).angles
+
+
+@pytest.mark.parametrize(
+    "name, most", [("HeadYaw", 1.7), ("HeadPitch", 1.4), ("HeadRoll", 2.2), ("LeftEyeYaw", 1.3)]
+)
+def test_angles_that_no_head_turns_in_radians_are_said(read, name, most):
+    W = values(40, 61)
+    W[21, FULL.index("HeadYaw")] = 1.55  # as far as a head turns
+    W[20, FULL.index(name)] = -most
+    words = f"{name} turn further than a head or an eye does in radians, up to {most}"
+    with pytest.warns(UserWarning, match=words):
+        assert name in read(live_link(CODES, rows=W.tolist())).angles
+
+
+def test_angles_in_whole_tenths_are_said(read):
+    W = values(40, 61)
+    W[:, 52:] = W[:, 52:].round(1)
+    with pytest.warns(UserWarning, match="all angles are whole tenths; if these are degrees"):
+        read(live_link(CODES, rows=W.tolist()))
 
 
 def test_a_row_of_nan_is_a_lost_frame(read):

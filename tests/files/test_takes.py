@@ -47,6 +47,14 @@ def some_take(rng, names=NAMES, n_frames=9, fps=29.97, lost=(0, 4), **more):
 # --- our own table --------------------------------------------------------------------------------
 
 
+def test_angles_of_our_own_table_are_radians_without_a_word(tmp_path, rng, recwarn):
+    angles = {"HeadYaw": np.linspace(0, 2.5, 9), "HeadRoll": np.arange(9) / 10}
+    write_weights_csv(tmp_path / "w.csv", some_take(rng, lost=(), angles=angles))
+    found = read_weights(tmp_path / "w.csv").angles
+    assert not len(recwarn)
+    np.testing.assert_array_equal(found["HeadYaw"], angles["HeadYaw"])
+
+
 @pytest.mark.parametrize(
     "names",
     [
@@ -305,7 +313,7 @@ def categories(row, names):
     return scores + [{"score": w, "categoryName": n} for n, w in zip(names, row, strict=True)]
 
 
-@pytest.mark.parametrize("form", ["bare", "python", "script", "lines"])
+@pytest.mark.parametrize("form", ["bare", "python", "script", "flat", "inner", "lines"])
 def test_categories_of_mediapipe_are_weights(tmp_path, form):
     W = np.random.default_rng(0).uniform(0, 1, (9, 52)).round(4)
     faces = [[categories(row, ARKIT)] for row in W.tolist()]
@@ -318,6 +326,11 @@ def test_categories_of_mediapipe_are_weights(tmp_path, form):
             for i, face in enumerate(faces)
         ],
     }
+    frames["flat"] = [
+        {"timestampMs": 40 * i, "categories": face[0] if face else []}
+        for i, face in enumerate(faces)
+    ]
+    frames["inner"] = [[frame] for frame in frames["flat"]]
     frames["lines"] = frames["python"]
     path = tmp_path / ("w.jsonl" if form == "lines" else "w.json")
     lines = "\n".join(map(json.dumps, frames["lines"]))
@@ -341,8 +354,15 @@ def test_a_line_of_json_that_is_damaged_is_named(tmp_path):
 def test_two_faces_in_a_frame_are_refused(tmp_path):
     faces = [[categories([0.5] * 52, ARKIT)] * 2] * 3
     (tmp_path / "w.json").write_text(json.dumps([{"face_blendshapes": f} for f in faces]))
-    with pytest.raises(ValueError, match="each frame hold those of one face"):
+    with pytest.raises(ValueError, match=r"frame 0 holds 2 lists or tables, as of 2 faces, but"):
         read_weights(tmp_path / "w.json", fps=30)
+    (tmp_path / "w.json").write_text(json.dumps([{"categories": [*f[0], *f[1]]} for f in faces]))
+    with pytest.raises(ValueError, match=r"frame 0 has 106 weights of 53 names, as of several"):
+        read_weights(tmp_path / "w.json", fps=30)
+    beside = {"names": ["a", "b"], "frames": [{"time": 0.1, "weights": [[1, 0], [0, 1]]}]}
+    (tmp_path / "w.json").write_text(json.dumps(beside))
+    with pytest.raises(ValueError, match=r"frame 0 holds 2 lists or tables, as of 2 faces, but"):
+        read_weights(tmp_path / "w.json")
 
 
 ROWS = W.tolist()

@@ -48,10 +48,33 @@ def test_drop_frame_marks_on_numbers_that_are_never_passed_over_are_not_believed
     assert "not taken so" in found.notes[0]
 
 
+@pytest.mark.parametrize("base, every", [(24, 1), (24, 2), (25, 1), (48, 2), (50, 1)])
+@pytest.mark.parametrize("first", [0, 10])
+def test_drop_frame_marks_on_rates_that_have_no_drop_frame_are_said(base, every, first):
+    codes = [code(first + every * i, base, mark=";") for i in range(120)]
+    found = Recording("take.csv", [], None, list(range(120)), codes=codes)
+    times = timing(found)
+    np.testing.assert_array_equal(times.slots, np.arange(120))
+    assert times.fps == base / every
+    assert f"count {base}: read as {base} frames/s without it" in found.warned[0]
+
+
+@pytest.mark.parametrize("every", [1, 2, 3, 5, 6])
+@pytest.mark.parametrize("base", [30, 60])
+def test_drop_frame_codes_of_every_second_frame_stay_drop_frame(base, every, rng):
+    numbers = [every * i for i in range(900)]
+    complete([drop_frame(n, base) for n in numbers], base * 1000 / 1001 / every)
+    kept = np.sort(rng.choice(900, size=860, replace=False))
+    found = placed([drop_frame(numbers[i], base) for i in kept])
+    np.testing.assert_array_equal(found.slots, kept - kept[0])
+
+
 @pytest.mark.parametrize("fps, base", [(25, 30), (24, 30), (24, 60), (25, 60), (50, 60), (48, 60)])
 @pytest.mark.parametrize("to_whole", [np.floor, np.round])
 def test_frames_numbered_in_coarse_beats_of_another_rate_make_up_no_gaps(fps, base, to_whole):
     complete([code(int(to_whole(i * base / fps)), base) for i in range(300)], fps)
+    dropped = [drop_frame(int(to_whole(i * base / fps)), base) for i in range(300)]
+    complete(dropped, fps * 1000 / 1001)
 
 
 @pytest.mark.parametrize("base", [30, 60])

@@ -47,9 +47,9 @@ def read_c3d(path, unit=None, fps=None, subject=None):
     MarkerSequence
         Millimetres, float32, axes as in the file: C3D has no rule for which is up. A marker is
         hidden where its residual is negative, where a coordinate is NaN, or where it lies exactly
-        at the origin: makers differ. Angles, forces and the like that a model computed are no
-        markers. Names lose blanks and the prefix of the subject. `report` says what was left out,
-        renamed and counted.
+        at the origin or at a value that fills gaps (-9999, or -1 again and again): makers differ.
+        Angles, forces and the like that a model computed are no markers. Names lose blanks and the
+        prefix of the subject. `report` says what was left out, renamed and counted.
 
     Raises
     ------

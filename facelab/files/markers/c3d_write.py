@@ -84,10 +84,12 @@ def _check_written(path, part, markers):
         differs = ~((found == wanted) | (np.isnan(found) & np.isnan(wanted))).all(axis=2)
         if differs.any():
             frame, marker = (int(i) for i in np.argwhere(differs)[0])
+            why = "exactly 0, 0, 0 means hidden in a C3D file; move the origin"
+            if wanted[frame, marker].all():
+                why = "that fills gaps, and means hidden; make it NaN"
             raise ValueError(
                 f"{markers.names[marker]} in frame {first + frame} is at {wanted[frame, marker]}, "
-                f"but would come back as {found[frame, marker]}: exactly 0, 0, 0 means hidden in a "
-                "C3D file; move the origin."
+                f"but would come back as {found[frame, marker]}: {why}."
             )
 
 

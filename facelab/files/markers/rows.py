@@ -10,12 +10,14 @@ from operator import itemgetter
 import numpy as np
 
 from facelab.files.markers.rules import marker_sequence, resolve_names, warn
+from facelab.files.takes.timecodes import SLOWEST
 from facelab.files.text import as_number, text_lines
 from facelab.files.words import damaged, listed
 
 _BLOCK = 2**20  # numbers kept together
 _BLANK = " \t,;"  # a line of these alone holds nothing
 _NOTHING = ("", "nan", "null")
+_FASTEST = 2000  # frames a second of a capture system
 _PLAIN = re.compile(r"[-+0-9.eE \t\n]*")  # here float() finds but numbers as all write them
 
 
@@ -286,6 +288,12 @@ def _timed(path, times, slots, table):
             "another."
         )
     if table.rate is None:
+        if not 0.99 * SLOWEST <= rate <= 1.01 * _FASTEST:
+            raise ValueError(
+                f"{path}: column {table.columns[table.time]} amounts to {rate:.3g} frames/s, and "
+                f"markers are recorded with {SLOWEST} to {_FASTEST}; name it time_ms if it counts "
+                "milliseconds, and time if it counts seconds, or say the rate with fps=."
+            )
         return _nominal(rate, max(2e-4, rounding / length)), slots
     apart = abs(rate / table.rate - 1)
     if apart > max(0.01, 1.5 * rounding / length):

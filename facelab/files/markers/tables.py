@@ -19,7 +19,11 @@ from facelab.files.words import damaged, listed
 
 _NEXUS_PARTS = ("trajectories", "devices", "joints", "model outputs", "events")
 _AXIS_NAME = re.compile(r"(.*?)[\s_.:|-]*([xyzXYZ])(?:\s*[\[(]([^\])]*)[\])])?")
-_TURN = re.compile(r"(.*[\s_.:|-])?(?:r|rot|q|quat|v|vel|a|acc)")
+_TURN = re.compile(  # of turns and speeds: Head Rotation, Head_rot, HeadRot
+    r"(?i:.*(?:rotat|orient|quaternion|euler|veloc|speed|accel).*|(.*[\s_.:|-])?(?:rot|quat|vel|acc))"
+    r"|.*[a-z0-9](?:Rot|Quat|Vel|Acc)"
+)
+_BRIEF = re.compile(r"(.*[\s_.:|-])?[rqva]", re.I)  # Head_r of Head_rx; or lip_r, a right lip
 _NUMBERED = re.compile(r"(\w*?)_?([XYZ])_(\d{1,3})")  # X_0 of OpenFace, where pose_Rx is no marker
 
 
@@ -44,9 +48,10 @@ def read_marker_table(path, unit=None, fps=None, subject=None):
     Returns
     -------
     MarkerSequence
-        Millimetres, float32, axes as in the file. Empty cells and positions at exactly 0, 0, 0 are
-        hidden markers; frames missing in time are frames without markers. `report` says what was
-        left out, renamed and counted.
+        Millimetres, float32, axes as in the file. Empty cells, positions at exactly 0, 0, 0 and
+        values that fill gaps in all three coordinates (-9999, or -1 again and again) are hidden
+        markers; frames missing in time are frames without markers. `report` says what was left out,
+        renamed and counted.
 
     Raises
     ------
@@ -312,13 +317,16 @@ def _sorted_out(path, number, titles):
         elif i in numbered:
             prefix, axis, count = numbered[i].groups()
             axes_of.setdefault(f"{prefix}_{count}".strip("_"), {})[axis.lower()] = i
-    for name, axes in axes_of.items():
-        if len(axes) == 3 and not _is_turn(name, joined, axes_of):
-            found.markers.append((name, tuple(axes[axis] for axis in "xyz")))
+    full = [name for name, axes in axes_of.items() if len(axes) == 3]
+    turns = [name for name in full if _is_turn(name, joined, full)]
+    for name in full:
+        if name not in turns:
+            found.markers.append((name, tuple(axes_of[name][axis] for axis in "xyz")))
     if not found.markers:
+        only = f" but of turns or speeds ({listed(turns)})" if turns else ""
         raise ValueError(
-            f"{path}, line {number}: no column is called like chin_x, chin_y, chin_z; name the "
-            "columns so, or export from the capture program with its header."
+            f"{path}, line {number}: no column is called like chin_x, chin_y, chin_z{only}; name "
+            "the columns so, or export from the capture program with its header."
         )
     read = {column for _, three in found.markers for column in three}
     found.units = {unit_of.get(i) for i in read} - {None, ""}
@@ -328,16 +336,16 @@ def _sorted_out(path, number, titles):
 
 
 def _is_turn(name, joined, names):
-    """Whether columns are rotations or speeds of what others place: `Head_Rx` beside `Head_Tx`.
+    """Whether columns are rotations or speeds, no places: `Head_Rx` beside `Head_Tx`.
 
-    `joined` are the names that stand without a mark before their axis.
+    `joined` are the names that stand without a mark before their axis: where others have one, a
+    single letter there is no part of the name.
     """
-    turn = _TURN.fullmatch(name.lower()) if name in joined else None
-    if turn is None:
+    if _TURN.fullmatch(name):
+        return True
+    brief = _BRIEF.fullmatch(name) if name in joined else None
+    if brief is None:
         return False
-    stem = turn[1] or ""
-    placed = {stem + word for word in ("t", "p", "pos", "trans")}
-    return any(
-        other.lower() in placed or (other not in joined and other.lower() == stem.rstrip(" _.:|-"))
-        for other in names
-    )
+    stem = (brief[1] or "").lower()
+    beside = {stem + word for word in ("t", "p", "pos", "trans", "q")}  # q turns, and is no name
+    return any(other not in joined or other.lower() in beside for other in names)

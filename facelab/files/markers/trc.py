@@ -21,9 +21,9 @@ def read_trc(path, unit=None, fps=None, subject=None):
     Returns
     -------
     MarkerSequence
-        Millimetres, float32, axes as in the file: TRC has no rule for which is up. Empty cells and
-        positions at exactly 0, 0, 0 are hidden markers. `report` says what was left out, renamed
-        and counted.
+        Millimetres, float32, axes as in the file: TRC has no rule for which is up. Empty cells,
+        positions at exactly 0, 0, 0 and values that fill gaps (-9999, or -1 again and again) are
+        hidden markers. `report` says what was left out, renamed and counted.
 
     Raises
     ------

@@ -17,6 +17,7 @@ _NAMES = ("names", "facsnames", "blendshapenames", "blendshapes", "shapes", "cha
 _WEIGHTS = ("weights", "weightmat", "values", "blendshapes", "blendshapeweights", "coefficients")
 _WEIGHTS += ("faceblendshapes", "categories")
 _TIMES = {"time": 1, "timecode": 1, "timestamp": 1, "timestampms": 1000}  # how many make a second
+_HEAD = ("headindex", "headname")  # what MediaPipe writes beside categories
 _ROWS = (*_WEIGHTS, "frames", "data")
 _FPS = ("fps", "exportfps", "framerate")
 _WHOLE = (b"{}", b"[]")  # a line that begins and ends so is a text of JSON by itself
@@ -161,15 +162,12 @@ def _of_frames(path, rows, names, shapes, fps):
     header, read, codes, left_out = shapes and list(shapes), [], [], set()
     for i, row in enumerate(rows):
         place = f"{path}, frame {i}"
-        beside = {}
-        row = _scored(row)
-        if isinstance(row, dict):
-            word = next(
-                (k for k in row if normalised(k) in _WEIGHTS and not _is_scalar(row[k])), None
+        row, beside = _opened(row, place)
+        if _is_list_of(row, (dict, list)):
+            raise ValueError(
+                f"{place} holds {len(row)} lists or tables, as of {len(row)} faces, but must hold "
+                "the weights of one; write each face to a file of its own."
             )
-            if word is not None:
-                beside = {k: v for k, v in row.items() if k != word}
-                row = _scored(row[word])
         if isinstance(row, dict):
             left_out |= {k for k, v in row.items() if not _is_scalar(v)}
             row = {k: v for k, v in row.items() if _is_scalar(v)}
@@ -181,10 +179,7 @@ def _of_frames(path, rows, names, shapes, fps):
         if not isinstance(row, list) and row is not None:
             raise ValueError(f"{place} is a {type(row).__name__}, but must hold weights.")
         if row and not header:
-            raise ValueError(
-                f"{path}: weights without names; a list of names must stand beside, and each frame "
-                "hold those of one face."
-            )
+            raise ValueError(f"{path}: weights without names; a list of names must stand beside.")
         if row and len(row) != len(header):
             raise ValueError(f"{place} has {len(row)} weights for {len(header)} names.")
         time = [k for k in beside if normalised(k) in _TIMES]
@@ -207,19 +202,29 @@ def _code(moment, key, place):
     return _as_codes(np.array([_number(moment, place) / _TIMES[key]]))[0]
 
 
-def _scored(row):
-    """Weights by name of a frame as MediaPipe has it: a list of categories with a score each."""
-    while isinstance(row, list) and len(row) == 1 and isinstance(row[0], (list, dict)):
-        row = row[0]  # of the one face
-    if isinstance(row, dict) and isinstance(row.get("categories"), list):
-        row = row["categories"]
-    keys = ("categoryName", "category_name")
-    if not _is_list_of(row, dict):
-        return row
-    key = next((k for k in keys if k in row[0]), None)
-    if key is None or not all(isinstance(c.get(key), str) and "score" in c for c in row):
-        return row
-    return {c[key]: c["score"] for c in row}
+def _opened(row, place):
+    """The weights of a frame, be they bare or under a word or two, and what stands beside them."""
+    beside, keys = {}, ("categoryName", "category_name")
+    while True:
+        if _is_list_of(row, dict):  # categories of MediaPipe, with a score each
+            key = next((k for k in keys if k in row[0]), None)
+            if key and all(isinstance(c.get(key), str) and "score" in c for c in row):
+                scores = {c[key]: c["score"] for c in row}
+                if len(scores) < len(row):
+                    raise ValueError(
+                        f"{place} has {len(row)} weights of {len(scores)} names, as of several "
+                        "faces; write each face to a file of its own."
+                    )
+                return scores, beside
+        if isinstance(row, list) and len(row) == 1 and isinstance(row[0], (list, dict)):
+            row = row[0]  # of the one face
+            continue
+        held = [] if not isinstance(row, dict) else [k for k, v in row.items() if not _is_scalar(v)]
+        word = next((k for k in held if normalised(k) in _WEIGHTS), None)
+        if word is None:
+            return row, beside
+        beside |= {k: v for k, v in row.items() if k != word and normalised(k) not in _HEAD}
+        row = row[word]
 
 
 def _is_scalar(value):

@@ -49,7 +49,8 @@ def read_live_link_csv(path, fps=None, scale=None, repeats="lost"):
         Weights as recorded, not clipped; `angles` in radians. `valid` is False in lost frames: rows
         without a face (`timecode,0`), repeated rows, and frames missing between two time codes. Of
         more than two seconds at once it is only marked how long they are, in `gaps`. `others` holds
-        further columns of numbers, `report` says what was found, counted and left out.
+        further columns of numbers, and all angles if one turns as only degrees do. `report` says
+        what was found, counted and left out.
 
     Raises
     ------

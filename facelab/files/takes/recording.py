@@ -17,6 +17,8 @@ from facelab.names import ANGLES, ARKIT
 
 _HIGHEST = 2.0  # a weight of 0 to 1, overdriven
 _BEYOND = 1000.0  # no weight, whatever it counts
+_WIDEST = {"HeadYaw": 1.6, "HeadPitch": 1.2, "HeadRoll": 1.2}  # radians that a head turns,
+_EYE = 1.0  # and an eye
 
 
 @dataclass
@@ -243,23 +245,11 @@ def _checked(found, face, is_angle, scale):
             f"{found.place(row, column)}: NaN, infinity or nothing at all; repair that value, or "
             "empty the whole row if the face was lost there."
         )
-    degrees = _degrees(found, values, is_angle)
-    if degrees:
-        found.others |= {found.names[k]: values[:, k] for k in degrees}
-        found.warned.append(
-            f"{', '.join(found.names[k] for k in degrees)} turn further than radians do, perhaps "
-            "in degrees; kept apart, in others"
-        )
-        rest = [k for k in range(len(found.names)) if k not in degrees]
-        found.names = [found.names[k] for k in rest]
-        found.values = values = values[:, rest]
-        is_angle = is_angle[rest]
-    wide = [found.names[k] for k in np.flatnonzero(is_angle) if _turn(values[:, k]) > 1.01 * np.pi]
-    if wide:
-        found.warned.append(
-            f"{', '.join(wide)} turn further than half a turn in radians; if these are degrees, "
-            "take them as such (angles counts in radians)"
-        )
+    if _in_degrees(found, values, is_angle):
+        found.others |= {found.names[k]: values[:, k] for k in np.flatnonzero(is_angle)}
+        found.names = [n for n, angle in zip(found.names, is_angle, strict=True) if not angle]
+        found.values = values = values[:, ~is_angle]
+        is_angle = is_angle[~is_angle]
     if scale is not None:
         check_number(scale, "scale", above=0)
         values = np.where(is_angle, values, values * scale)
@@ -271,24 +261,43 @@ def _checked(found, face, is_angle, scale):
     return values, is_angle
 
 
-def _degrees(found, values, is_angle):
-    """Columns of angles beyond a turn in radians; beyond a turn in degrees they are refused."""
-    out = []
+def _in_degrees(found, values, is_angle):
+    """Whether the angles are none in radians, all of them, for a file has one unit; doubts said."""
+    most = {}
     for k in np.flatnonzero(is_angle):
-        most = _turn(values[:, k])
-        if most > 360:
+        most[found.names[k]] = turn = float(np.nanmax(np.abs(values[:, k])))
+        if turn > 360:
             row = int(np.nanargmax(np.abs(values[:, k])))
             raise ValueError(
                 f"{found.place(row, k)}: {values[row, k]:g} is no angle, in radians or degrees; "
                 "repair that value."
             )
-        if most > 2 * np.pi:
-            out.append(int(k))
-    return out
+    if far := [name for name, turn in most.items() if turn > 2 * np.pi]:
+        found.warned.append(
+            f"{', '.join(far)} turn further than radians do: all {len(most)} angles, perhaps in "
+            "degrees, are kept apart, in others"
+        )
+        return True
+    if found.weighed:  # a table of our own, where angles count in radians
+        return False
+    remedy = "if these are degrees, take them as such (angles counts in radians)"
+    if wide := [name for name, turn in most.items() if turn > _WIDEST.get(name, _EYE)]:
+        half = [name for name in wide if most[name] > 1.01 * np.pi]
+        what = "half a turn" if half else "a head or an eye does"
+        turn = max(most[name] for name in wide)
+        found.warned.append(
+            f"{', '.join(half or wide)} turn further than {what} in radians, up to {turn:.3g}; "
+            f"{remedy}"
+        )
+    elif _are_tenths(values[:, is_angle]):
+        found.warned.append(f"all angles are whole tenths; {remedy}")
+    return False
 
 
-def _turn(angles):
-    return np.nanmax(np.abs(angles))
+def _are_tenths(angles):
+    """Whether all are, and too many to be so by chance."""
+    tenths = np.unique(10 * angles[np.isfinite(angles)])
+    return len(tenths) > 3 and bool(np.abs(tenths - tenths.round()).max() < 1e-6)
 
 
 def _refuse_weights(found, W, far, row, column, scale):

@@ -23,6 +23,7 @@ CODED = (24, 25, 30, 50, 60, 120)
 
 _BASES = (5, 10, 12, 15, 20, 24, 25, 30, 48, 50, 60, 90, 100, 120, 240)  # frames in a second
 _RATES = (*_BASES, *(1000 * n / 1001 for n in (24, 30, 48, 60, 120, 240)))
+_NEVER_DROPPED = (24, 25, 48, 50)  # common rates without drop-frame counting
 _DAY = 86400
 _SMPTE = re.compile(
     r"(\d{1,2})[:;]([0-5]?\d)[:;]([0-5]?\d)([:;])(\d{1,3})(?:[.,](\d{1,9}))?", re.ASCII
@@ -201,6 +202,12 @@ def _smpte(parts, found):
     frame, part, drop = np.array([int(f) for f in frames]), _fractions(digits), ";" in marks
     second = 60 * minute + seconds
     base, notes = _base(second, frame, part, drop, found)
+    if drop and base in _NEVER_DROPPED:
+        drop = False
+        found.warned.append(
+            f"time codes marked as drop-frame, which counts 30 or 60 frames in a second, count "
+            f"{base}: read as {base} frames/s without it"
+        )
     if _is_millisecond(frame, part, base):
         notes += ("the digits behind the frame number are taken as milliseconds of the second",)
         return _Beats(_past_midnight(second + part, _DAY), 1, False, notes)
@@ -236,7 +243,10 @@ def _base(second, frame, part, drop, found):
         return known[0], () if turns.any() else (guess,)
     # from the last frame of a second to the first of the next it is one step as well
     seen = float(np.median(np.median(within) - step[turns]))
-    known = known if drop else [b for b in _BASES if b > most]
+    if drop:
+        known += [b for b in _NEVER_DROPPED if b > most and abs(b - seen) <= 1]
+    else:
+        known = [b for b in _BASES if b > most]
     near = min(known, key=lambda b: abs(b - seen))
     return near if drop or abs(near - seen) <= 1.5 else max(round(seen), most + 1), ()
 

@@ -442,6 +442,14 @@ def test_names_of_any_script_and_of_two_subjects_come_back(tmp_path):
     assert read_c3d(tmp_path / "x.c3d").names == names
 
 
+def test_a_visible_marker_at_a_value_that_fills_gaps_is_refused(tmp_path, rng):
+    P = rng.normal(scale=50, size=(3, 2, 3))
+    P[1, 1] = -9999
+    with pytest.raises(ValueError, match=r"b in frame 1 .* nan\]: that fills gaps.* make it NaN"):
+        write_c3d(tmp_path / "x.c3d", MarkerSequence(P, ("a", "b"), 60))
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_visible_marker_at_the_origin_is_refused(tmp_path):
     P = np.ones((3, 2, 3))
     P[1, 1] = 0

@@ -111,6 +111,48 @@ def test_the_right_unit_mends_the_size(tmp_path, P):
     np.testing.assert_allclose(read_markers(path, unit="cm").positions, P)
 
 
+# --- values that fill gaps ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", [-1, -9999, 99999, 1000])
+@pytest.mark.parametrize("write", ["npz", "trc", "csv"])
+def test_values_that_fill_gaps_are_hidden_markers_and_counted(tmp_path, rng, value, write):
+    rest = rng.uniform(-1, 1, size=(8, 3)) * [60, 90, 40]
+    P = (rest + np.sin(np.arange(60) / 8)[:, None, None] + 20).round(3)
+    P[10:14, 3] = P[30, 3] = P[:, 6] = np.nan  # one is never seen
+    path, filled = tmp_path / f"take.{write}", np.nan_to_num(P, nan=value)
+    if write == "npz":
+        saved(path, positions=filled, names=NAMES, fps=100, unit="mm")
+    else:
+        path.write_text({"trc": trc, "csv": plain}[write](filled, NAMES))
+    take = read_markers(path)
+    np.testing.assert_allclose(take.positions, P, atol=2e-5)
+    words = "65 position(s) taken for hidden that fill a gap with one value in x, y and z"
+    assert f"{words} ({value})" in take.report.notes
+
+
+def test_once_beyond_reach_is_a_gap_and_once_within_is_a_place(tmp_path, P):
+    for value, hidden in ((-9999, True), (30, False)):
+        P[7, 2] = value
+        take = read_markers(saved(tmp_path / "p.npz", positions=P, names=NAMES, fps=100))
+        assert np.isnan(take.positions[7, 2]).all() == hidden
+
+
+def test_places_with_one_value_in_x_y_and_z_that_markers_pass_through_are_kept(tmp_path, rng):
+    still = np.tile([[5.0, 5, 5], [40, -20, 90], [0, 60, 10]], (40, 1, 1))
+    slow = still + np.repeat(np.arange(8), 5)[:, None, None] * 0.1
+    held = still + np.repeat(np.arange(-4, 4), 5)[:, None, None] * [1, 0, 0]
+    for P in (
+        still,
+        slow,
+        slow.round(),
+        held,
+        np.arange(40.0)[:, None, None] + np.zeros((1, 3, 3)),
+    ):
+        take = read_markers(saved(tmp_path / "p.npz", positions=P, names=NAMES[:3], fps=100))
+        np.testing.assert_array_equal(take.positions[1:], P[1:])
+
+
 # --- npz ------------------------------------------------------------------------------------------
 
 

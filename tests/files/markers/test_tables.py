@@ -1,3 +1,4 @@
+import re
 import warnings
 
 import numpy as np
@@ -194,6 +195,25 @@ def test_rotations_of_what_other_columns_place_are_no_markers(tmp_path, P, place
         assert read(tmp_path, plain(P, names, joint=joint)).names == tuple(names)
 
 
+@pytest.mark.parametrize(
+    "turn",
+    [
+        *("Head Rotation ", "Head_rot_", "headRotate", "HeadRot", "Rotation.Head.", "chin_vel_"),
+        *("Chin Velocity ", "chin_acceleration_", "Head_r", "Head_q", "chin_v", "quat_"),
+    ],
+)
+def test_turns_and_speeds_are_no_markers_with_nothing_placed_beside_them(tmp_path, P, turn):
+    lines = plain(P, NAMES, timed=False).split("\n")[:-1]
+    lines = [",".join([lines[0], *(turn + axis for axis in "xyz")])] + [
+        f"{line},12,13,14" for line in lines[1:]
+    ]
+    take = read(tmp_path, "\n".join(lines) + "\n", fps=30)
+    check(take, P, 30)
+    assert f"3 other column(s) left out ({turn}x, {turn}y, {turn}z)" in take.report.notes
+    with pytest.raises(ValueError, match=r"no column is called like .* but of turns or speeds"):
+        read(tmp_path, "Head_rot_x,Head_rot_y,Head_rot_z\n1,2,3\n", fps=30)
+
+
 def test_a_name_above_three_axes(tmp_path, P):
     head = ["frame"] + [n for name in NAMES for n in (name, "", "")]
     lines = [",".join(head), ",".join([""] + list("xyz") * 7)]
@@ -219,6 +239,25 @@ def test_the_rate_that_is_meant_comes_out_of_times(tmp_path, rng, fps):
     P = rng.normal(scale=50, size=(400, 7, 3))
     take = read(tmp_path, plain(P, NAMES, fps=fps))
     assert take.fps == pytest.approx(fps, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "title, step, start, rate",
+    [
+        *(("timestamp", 1000 / 60, 0, "0.06"), ("time", 1, 0, "1"), ("t", 1, 1, "1")),
+        *(("time", 1000 / 60, 1690000000000, "0.06"), ("time_ms", 1 / 60, 0, "6e+04")),
+    ],
+)
+def test_times_at_the_pace_of_no_capture_are_refused(tmp_path, P, title, step, start, rate):
+    head, *rows = plain(P, NAMES, timed=False).split()
+    times = [start + step * i for i in range(30)]
+    times = [round(t, 5) if step < 1 else round(t) for t in times]
+    rows = [f"{t},{row}" for t, row in zip(times, rows, strict=True)]
+    text = "\n".join([f"{title},{head}", *rows]) + "\n"
+    words = rf"column {title} amounts to {re.escape(rate)}\d* frames/s.* 5 to 2000; name it time_ms"
+    with pytest.raises(ValueError, match=words):
+        read(tmp_path, text)
+    check(read(tmp_path, text, fps=60), P, 60)
 
 
 @pytest.mark.parametrize("write", [plain, trc, qualisys], ids=lambda f: f.__name__)
