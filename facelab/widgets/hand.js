@@ -3,8 +3,8 @@
 
 const EVERY = 125; // ms: with a press and a release, at most ten messages a second
 const NEAR = 12; // pixels: a pin this near to the mouse is what it takes
-const LOOSE = 2; // mm: a target so far from its skin is seen by itself
-const BENEATH = 5; // mm that a target may lie under the skin and is still seen
+const BENEATH = 5; // mm that a pin may lie under the skin and is still seen
+const MANY = 24; // pins: a ray for each takes half a millisecond
 const RIM = 3; // mm: a mouse this near to a lid or lip, but in the opening, is on its rim
 const AVERTED = 0.2; // of a normal: skin in a crease, as the corner of a mouth, looks away so far
 const STILL = 0.6; // mm: a hand that only clicks moves less
@@ -340,8 +340,7 @@ class Hand {
     const mouse = [event.x - box.left, event.y - box.top];
     let best = null, least = NEAR;
     for (const [vertex, target] of this.model.get("pins")) {
-      if (!this.inView(vertex, target, lens)) continue;
-      for (const point of this.seen(vertex, lens) ? [target, row(this.skin.X, vertex)] : [target]) {
+      for (const point of this.endsOf(vertex, target, lens)) {
         const off = Math.hypot(...add(this.onCanvas(point, lens, box), mouse, -1));
         if (off < least) [best, least] = [{ vertex, point, pin: true }, off];
       }
@@ -382,14 +381,19 @@ class Hand {
     return dot(row(this.skin.N, vertex), away) > -AVERTED * Math.hypot(...away);
   }
 
-  // Whether a pin is in view: its skin, or its target off a skin that looks away, as a closed lid's.
-  inView(vertex, target, lens) {
-    if (this.seen(vertex, lens)) return true;
-    if (Math.hypot(...add(target, row(this.skin.X, vertex), -1)) < LOOSE) return false;
-    const way = add(target, lens.eye, -1);
+  // Whether no skin is before a point, but for that which it may lie beneath.
+  clear(point, lens) {
+    const way = add(point, lens.eye, -1);
     const { X, faces } = this.skin;
     const hit = firstHit(lens.eye, way, X, faces, faces.length / 3);
     return !hit || (1 - hit.t) * Math.hypot(...way) < BENEATH;
+  }
+
+  // The ends of a pin that are in view, its target and its skin; of many pins quickly, by normals.
+  endsOf(vertex, target, lens) {
+    const skin = row(this.skin.X, vertex);
+    if (this.model.get("pins").length > MANY) return this.seen(vertex, lens) ? [target, skin] : [];
+    return [target, skin].filter((point) => this.clear(point, lens));
   }
 
   nameOf(vertex) {
@@ -711,7 +715,7 @@ class Hand {
     }
     for (const { vertex, target, color, held: always } of drawn) {
       const chosen = vertex === this.chosen;
-      if (!always && !chosen && !this.inView(vertex, target, lens)) continue;
+      if (!always && !chosen && !this.endsOf(vertex, target, lens).length) continue;
       const at = row(this.skin.X, vertex);
       const lit = always || (this.under?.pin && this.under.vertex === vertex);
       const [[x1, y1], [x2, y2]] = [place(at), place(target)];

@@ -29,9 +29,8 @@ function keys({ model, el }) {
           button.setAttribute("aria-label", name);
           button.title = name;
         }
-    for (const box of root?.querySelectorAll(".widget-inline-hbox[title]") ?? [])
-      for (const control of box.querySelectorAll(".noUi-handle, select"))
-        if (!control.hasAttribute("aria-label")) control.setAttribute("aria-label", box.title);
+    for (const select of root?.querySelectorAll("select[title]:not([aria-label])") ?? [])
+      select.setAttribute("aria-label", select.title); // its own label may be empty
     for (const button of root?.querySelectorAll(".widget-toggle-button") ?? []) {
       const pressed = String(button.classList.contains("mod-active"));
       if (button.getAttribute("aria-pressed") !== pressed) button.setAttribute("aria-pressed", pressed);

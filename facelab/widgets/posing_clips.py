@@ -47,7 +47,10 @@ class ClipPanel(Panel):
             options=[_KEYS, *self.lab.takes], description="show", layout={"width": WIDTH}
         )
         self.play = widgets.Play(interval=1000 // _FPS, max=3 * _FPS)
-        self.slider = widgets.IntSlider(max=3 * _FPS, readout=False, layout={"width": "40%"})
+        self.slider = widgets.IntSlider(
+            max=3 * _FPS, readout=False, description="at",
+            layout={"width": "46%"}, style={"description_width": "18px"},
+        )  # fmt: skip
         self._link = widgets.jslink((self.play, "value"), (self.slider, "value"))
         self._time = widgets.Label(layout={"width": "52px"})
         self.track = Track(self._on_track)

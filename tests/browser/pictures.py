@@ -32,7 +32,7 @@ POSES = {  # on both sides or not; landmark, and the way to the left and up, mil
         False,
         [
             ("eye_left_lower_outer", 0, 1),
-            ("eye_left_upper_outer", 0, -9),
+            ("eye_left_upper_inner", 0, -8),
             ("mouth_corner_left", 5, 6),
         ],
     ),
@@ -104,7 +104,7 @@ def draw(made, path):
     figure, axes = plt.subplots(1, len(made), figsize=(2.4 * len(made), 3.2), layout="constrained")
     for ax, (name, (picture, line)) in zip(axes, made.items(), strict=True):
         ax.imshow(picture)
-        ax.set_title(f"{name}\n{line.split(', mouse')[0]}", fontsize=9)
+        ax.set_title(f"{name}\n{line.split(' s, ')[0]} s", fontsize=8)
         ax.set_axis_off()
     figure.savefig(path, dpi=100, bbox_inches="tight")
 

@@ -182,6 +182,29 @@ def test_a_pin_is_taken_again_and_no_second_one_beside_it(fresh):
     fresh.run("session.remove_pin(list(session.pins)[0])")
 
 
+def test_a_pin_off_skin_that_looks_away_is_drawn_and_taken_one_behind_the_head_is_not(fresh):
+    fresh.run(
+        "session.use(lab.models['rig']); lid = face.landmarks['eye_left_upper_outer']\n"
+        "for drop in (9, 8):\n"
+        "    session.pull(lid, session.pins.get(lid, face.vertices[lid]) - [0, drop, 0])"
+    )
+    fresh.settle()
+    view = fresh.page.locator(".facelab-face").first
+    pins, label = view.locator(".facelab-pin"), view.locator(".facelab-label")
+    expect(pins).to_have_count(1)
+    skin = vertices(fresh)[landmark(fresh, "eye_left_upper_outer")]
+    assert (skin - target_of(fresh))[1] > 2
+    fresh.page.mouse.move(*on_page(fresh, target_of(fresh))[0])
+    expect(label).to_have_text("eyelid upper left")
+    fresh.run("lab.view.look_from((-1, 0, -0.1))")
+    fresh.settle()
+    expect(pins).to_have_count(0)
+    fresh.page.mouse.move(*on_page(fresh, target_of(fresh))[0])
+    fresh.settle()
+    expect(label).not_to_have_text("eyelid upper left")
+    fresh.run("lab.view.look_from()")
+
+
 def camera(lab):
     """Where the camera stands in the page, mm."""
     return np.array(lab.page.evaluate("document.querySelector('.facelab-face').facelab.eye()"))
@@ -298,6 +321,17 @@ def test_checkboxes_and_sliders_are_called_after_the_text_beside_them(fresh):
     expect(page.get_by_role("checkbox", name="eyes and teeth")).to_have_count(1)
     page.get_by_role("button", name="GLB").first.wait_for()
     assert page.locator("[aria-label='\u200b']").count() == 0
+    show_tab(fresh, "Time")
+    for name in ("Play", "Stop", "Repeat"):
+        expect(page.get_by_role("button", name=name, exact=True)).to_have_count(1)
+    expect(page.get_by_role("combobox", name="Between the keys")).to_have_count(1)
+    assert page.evaluate(UNNAMED) == []
+
+
+UNNAMED = """[...document.querySelectorAll(
+  ".facelab-lab :is(button, select, input, .noUi-handle, canvas)")].filter((e) =>
+  e.offsetParent && !(e.textContent.trim() || e.ariaLabel || e.labels?.length || e.title))
+  .map((e) => e.outerHTML.slice(0, 100))"""
 
 
 TURN_AT_ONCE = """([clientX, clientY]) => {
