@@ -2,6 +2,7 @@
 
 import re
 import warnings
+from itertools import combinations, islice
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -213,7 +214,7 @@ def _from_folder(folder, mesh, scale, neutral):
         if lines != rest_lines and _other_faces(file, base):
             raise ValueError(
                 f"{file}: its faces are not those of {rest}.obj, so its vertices stand in another "
-                "order; export it again with 'keep vertex order'."
+                "order, or it is another mesh; export it again with 'keep vertex order'."
             )
         if _moves_all(file, rest, shape, base.vertices):
             displaced.append(file.name)
@@ -232,18 +233,33 @@ def _from_folder(folder, mesh, scale, neutral):
 
 
 def _other_faces(file, base):
-    """Whether a shape joins other vertices than the face at rest, in the order of the file."""
-    if read_obj_polygons(file) == read_obj_polygons(base.path):
+    """Whether a shape joins other vertices than the face at rest, in whatever order of faces."""
+    if _polygons(file) == _polygons(base.path):
         return False
     faces = read_obj_file(file).faces
-    if faces.shape != base.faces.shape:
-        return True
+    own, others = ({tuple(f) for f in np.sort(F, axis=1).tolist()} for F in (faces, base.faces))
     # whoever cut quads into triangles may have cut some otherwise, where they bend otherwise
-    odd = np.flatnonzero((np.sort(faces, axis=1) != np.sort(base.faces, axis=1)).any(axis=1))
-    if len(odd) % 2 or (odd[1::2] != odd[::2] + 1).any():
-        return True
-    quads = [[set(F[at : at + 2].ravel().tolist()) for at in odd[::2]] for F in (faces, base.faces)]
-    return quads[0] != quads[1]
+    quads = _quads(own - others, others)
+    return len(own) != len(others) or quads is None or quads != _quads(others - own, own)
+
+
+def _polygons(path):
+    """Vertices of each face of an OBJ file, in an order of its own."""
+    corners, counts = read_obj_polygons(path)
+    corners = iter(corners)
+    return sorted(sorted(islice(corners, n)) for n in counts)
+
+
+def _quads(triangles, others):
+    """Quads of pairs of triangles along the edges that others do not have; None if not all pair."""
+    edges = {edge for triangle in others for edge in combinations(triangle, 2)}
+    quads = {}
+    for triangle in triangles:
+        new = [edge for edge in combinations(triangle, 2) if edge not in edges]
+        if len(new) != 1:
+            return None
+        quads.setdefault(new[0], set()).update(triangle)
+    return sorted(map(sorted, quads.values()))
 
 
 def _moves_all(file, rest, shape, V):

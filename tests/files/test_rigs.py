@@ -270,7 +270,18 @@ def test_two_vertices_that_changed_places_are_refused(tmp_path, rig):
         read_rig(folder)
 
 
-def test_quads_that_are_cut_otherwise_are_the_same_faces(tmp_path, rig):
+def test_the_same_faces_in_another_order_are_the_same(tmp_path, rig, rng):
+    folder = write_folder(tmp_path / "shapes", rig)
+    faces = np.roll(rng.permutation(rig.neutral.faces), 1, axis=1)
+    V = rig.neutral.vertices + rig.deltas[1]
+    write_obj(folder / "browInnerUp.obj", TriangleMesh(V, faces))
+    found = silently(read_rig, folder)
+    moved = found.deltas[found.names.index("browInnerUp")]
+    np.testing.assert_allclose(moved, rig.deltas[1], atol=1e-4)
+
+
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_quads_that_are_cut_otherwise_are_the_same_faces(tmp_path, rig, rng, shuffled):
     """Triangles 4 and 5 of a shape are the same quad, cut along its other diagonal."""
     faces = rig.neutral.faces.copy()
     a, b, c = faces[4]
@@ -281,6 +292,8 @@ def test_quads_that_are_cut_otherwise_are_the_same_faces(tmp_path, rig):
     folder = write_folder(tmp_path / "shapes", BlendshapeRig(rest, rig.names, rig.deltas))
     other = faces.copy()
     other[[4, 5]] = [[a, b, d], [a, d, c]]
+    if shuffled:
+        other = rng.permutation(other)
     shape = TriangleMesh(rest.vertices + rig.deltas[1], other)
     write_obj(folder / "browInnerUp.obj", shape)
     found = silently(read_rig, folder)
