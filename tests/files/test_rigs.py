@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mutants import COUNT, tally
+from scipy.spatial.transform import Rotation
 from shapes import sphere_mesh
 
 from facelab.files import read_mesh, read_rig, write_glb, write_obj, write_rig
@@ -321,11 +322,40 @@ def test_a_shape_in_another_unit_place_or_order_is_refused(tmp_path, rig, change
         read_rig(folder)
 
 
-def test_a_shape_that_moves_the_whole_head_is_said(tmp_path, rig):
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (lambda V: V + [0, 30, 0], r"\(by 30\.0 mm\)"),
+        (lambda V: V + [0, 2, 0], r"\(by 2\.0 mm\)"),
+        (lambda V: V * 1.02, r"\(2\.0% larger\)"),
+        (lambda V: V * 0.98, r"\(2\.0% smaller\)"),
+        (lambda V: V @ Rotation.from_euler("x", 2, degrees=True).as_matrix(), "by 2.0 degrees"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["folder", "glb"])
+def test_a_shape_that_moves_the_whole_head_is_said(tmp_path, rig, kind, change, words):
+    deltas = rig.deltas.copy()
+    deltas[0] = change(rig.neutral.vertices + deltas[0]) - rig.neutral.vertices
+    if kind == "folder":
+        path = write_folder(tmp_path / "shapes", BlendshapeRig(rig.neutral, rig.names, deltas))
+    else:
+        path = tmp_path / "head.glb"
+        write_glb(path, rig.neutral, deltas, rig.names)
+    with pytest.warns(UserWarning, match=rf": 1 shape.* the whole head.*: jawOpen.*{words}"):
+        read_rig(path)
+
+
+def test_files_that_hold_the_face_at_rest_again_are_no_shapes(tmp_path, rig):
     folder = write_folder(tmp_path / "shapes", rig)
-    V = rig.neutral.vertices + rig.deltas[0] + [0, 30, 0]
-    write_obj(folder / "jawOpen.obj", TriangleMesh(V, rig.neutral.faces))
-    with pytest.warns(UserWarning, match=r"jawOpen\.obj \(1\) move every vertex"):
+    for name in ("Basis", "zz"):
+        write_obj(folder / f"{name}.obj", rig.neutral)
+    with pytest.warns(UserWarning, match=r"Basis\.obj, zz\.obj \(2\) hold the face at rest as neu"):
+        found = read_rig(folder)
+    assert sorted(found.names) == sorted(rig.names) and len(found.deltas) == 3
+    np.testing.assert_allclose(found.deltas[found.names.index("jawOpen")], rig.deltas[0], atol=1e-4)
+    for name in rig.names:
+        (folder / f"{name}.obj").unlink()
+    with pytest.raises(ValueError, match="all of its OBJ files hold the same face"):
         read_rig(folder)
 
 
