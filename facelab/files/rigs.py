@@ -16,7 +16,7 @@ from facelab.files.obj import read_obj_file, read_obj_polygons, read_obj_rows
 from facelab.files.words import distinct, listed, quoted
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.mesh import TriangleMesh
-from facelab.geometry.size import check_face_size, face_scale, longest_side
+from facelab.geometry.size import check_face_size, face_scale, longest_side, mesh_scale
 from facelab.geometry.welding import alike, same_place, shrunk
 from facelab.rig import BlendshapeRig, RigSource
 from facelab.storage import load_npz, save_npz
@@ -380,9 +380,9 @@ def _unit(path, V, deltas, declared, scale):
         moves = np.maximum(moves, np.linalg.norm(delta, axis=1))
     moved = moves > 0.05 * moves.max() if len(moves) else moves
     face = longest_side(V[moved]) if moved.any() else side
-    if 0 < _BODY * face < side:  # a body: what the shapes move is its face
-        side = face
-    found = face_scale(side)
+    body = 0 < _BODY * face < side  # what the shapes move is its face
+    side = face if body else side
+    found, unit = mesh_scale(side, whole=not body)
     if found == declared or face_scale(side * declared) == 1:
         return declared
     if found is None or face_scale(side * declared) == 0.1:  # it may as well be a whole body
@@ -390,7 +390,7 @@ def _unit(path, V, deltas, declared, scale):
         return declared
     warnings.warn(
         f"{path}: its face is {side:.4g} long, which makes no face at {declared:g} mm to the unit; "
-        f"it is read with scale={found:g}. Give scale= to say what it is.",
+        f"it is read with scale={found:g}, {unit}. Give scale= to say what it is.",
         stacklevel=4,
     )
     return found
