@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from facelab.checks import check_number, check_type
 from facelab.files.gltf_read import GltfScene
@@ -131,6 +132,7 @@ def _from_gltf(path, mesh, scale):
     head = parts[chosen]
     scale = _unit(scene.path, head.vertices, head.deltas, unit_of(".glb"), scale)
     _say_displaced(path, mesh, names[chosen], head.vertices * scale, head.deltas, scale)
+    _say_other_faces(scene.path, mesh, parts, names, chosen, _PLACE / scale)
     shown = scene.weights_at_rest(chosen, names[chosen])
     if shown:
         said = [f"{name} at {weight:g}" for name, weight in shown.items()]
@@ -155,6 +157,34 @@ def _facial(names, part):
     facial = sum(1 for n, m in zip(names, moved, strict=True) if m.any() and _FACIAL.search(n))
     face = part.vertices[np.any(moved, axis=0)] if moved else ()
     return facial, sum(m.any() for m in moved), longest_side(face) if len(face) else 0
+
+
+def _say_other_faces(path, mesh, parts, names, chosen, near):
+    """Say which other parts have the same shapes and touch the face, or are as large."""
+    head, whole = parts[chosen], _facial(names[chosen], parts[chosen])
+    tree, touch, like = cKDTree(head.vertices), [], []
+    for k, part in enumerate(parts):
+        if k == chosen or set(names[k]) != set(names[chosen]):
+            continue
+        facial = _facial(names[k], part)
+        shared = np.isfinite(tree.query(part.vertices, distance_upper_bound=near)[0])
+        if facial[1] and 2 < shared.sum() < 0.5 * len(shared):
+            touch.append(part.name)
+        elif facial[0] == whole[0] and facial[2] > 0.8 * whole[2]:
+            like.append(part.name)
+    if touch:
+        warnings.warn(
+            f"{path}: {head.name!r} alone is read as the face, but {quoted(touch)} have the same "
+            "shapes and touch it. If they are pieces of one face, join them to one mesh (Blender: "
+            "select them, Ctrl+J) and export again.",
+            stacklevel=4,
+        )
+    if like and mesh is None:
+        warnings.warn(
+            f"{path}: {head.name!r} is read as the face; {quoted(like)} have the same shapes and "
+            f"are as large. Choose one with mesh={like[0]!r}.",
+            stacklevel=4,
+        )
 
 
 def _has_size(path, part, scale):

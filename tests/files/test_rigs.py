@@ -163,13 +163,10 @@ def test_names_that_stand_at_the_targets_themselves_are_read(tmp_path, rig, key)
     assert silently(read_rig, scene(tmp_path / "head.glb", change)).names == rig.names
 
 
-def test_the_largest_that_moves_is_the_face_and_not_a_dense_beard(tmp_path, rig):
-    """A parent of two meshes with the same shapes: a head, and a finer beard on its chin."""
-    beard = sphere_mesh(3, radius=20.0)
-    near = np.ones((1, beard.n_vertices, 1))
-    write_glb(tmp_path / "head.glb", rig.neutral, rig.deltas, rig.names)
-    write_glb(tmp_path / "beard.glb", beard, near * np.ones((3, 1, 3)), rig.names)
-    data = (tmp_path / "beard.glb").read_bytes()
+def add_mesh(path, mesh, deltas, names, name):
+    """Put another mesh with shapes into a GLB of ours, under a node of that name."""
+    write_glb(path.parent / "other.glb", mesh, deltas, names)
+    data = (path.parent / "other.glb").read_bytes()
     size = struct.unpack_from("<I", data, 12)[0]
     other = json.loads(data[20 : 20 + size])
     uri = "data:application/octet-stream;base64," + base64.b64encode(data[28 + size :]).decode()
@@ -190,11 +187,51 @@ def test_the_largest_that_moves_is_the_face_and_not_a_dense_beard(tmp_path, rig)
                 owner.update({k: v + n for k, v in owner.items()})
             primitive["indices"] += n
         told["meshes"].append(mesh)
-        told["nodes"].append({"mesh": 1, "name": "Beard"})
+        told["nodes"].append({"mesh": 1, "name": name})
         told["scenes"][0]["nodes"].append(len(told["nodes"]) - 1)
 
-    found = read_rig(scene(tmp_path / "head.glb", join))
+    return scene(path, join)
+
+
+def test_the_largest_that_moves_is_the_face_and_not_a_dense_beard(tmp_path, rig):
+    """A parent of two meshes with the same shapes: a head, and a finer beard on its chin."""
+    beard = sphere_mesh(3, radius=20.0)
+    near = np.ones((1, beard.n_vertices, 1))
+    path = tmp_path / "head.glb"
+    write_glb(path, rig.neutral, rig.deltas, rig.names)
+    add_mesh(path, beard, near * np.ones((3, 1, 3)), rig.names, "Beard")
+    found = silently(read_rig, path)
     assert (found.source.mesh, list(found.parts)) == ("face", ["Beard"])
+
+
+def test_a_face_in_two_meshes_is_said(tmp_path, rig):
+    path, left = (
+        tmp_path / "head.glb",
+        rig.neutral.vertices[rig.neutral.faces].mean(axis=1)[:, 0] > 0,
+    )
+    halves = []
+    for side in (left, ~left):
+        kept = np.unique(rig.neutral.faces[side])
+        new = np.cumsum(np.isin(np.arange(162), kept)) - 1
+        mesh = TriangleMesh(rig.neutral.vertices[kept], new[rig.neutral.faces[side]])
+        halves.append((mesh, rig.deltas[:, kept], rig.names))
+    write_glb(path, *halves[0])
+    add_mesh(path, *halves[1], "face")
+    words = r"'face' alone is read as the face, but 'face \(2\)' have the same shapes and touch it"
+    with pytest.warns(UserWarning, match=words):
+        assert list(read_rig(path).parts) == ["face (2)"]
+    with pytest.warns(UserWarning, match=words):
+        read_rig(path, mesh="face")
+
+
+def test_a_second_face_is_said_unless_one_was_chosen(tmp_path, rig):
+    path = tmp_path / "head.glb"
+    write_glb(path, rig.neutral, rig.deltas, rig.names)
+    other = TriangleMesh(rig.neutral.vertices + [300, 0, 0], rig.neutral.faces)
+    add_mesh(path, other, rig.deltas, rig.names, "Twin")
+    with pytest.warns(UserWarning, match="'Twin' have the same shapes and are as large. Choose"):
+        read_rig(path)
+    assert silently(read_rig, path, mesh="Twin").source.mesh == "Twin"
 
 
 def test_a_part_that_lies_in_one_point_is_passed_over_and_said(tmp_path, rig):
