@@ -2,6 +2,7 @@
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
 
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.binding import bind_to_surface
@@ -18,6 +19,9 @@ FADE = 60.0
 _PLACE = 1e-3  # mm: vertices so near to each other are two sides of a seam
 _FACE = 100.0  # mm: a piece with landmarks and so long is a face by itself
 _WORN = 0.8  # share of a piece near the skin that is worn on it: lashes, brows
+_ROOT = 2.0  # mm from the skin: where a strip grows from it
+_EDGE = 0.4  # share of its border that does so
+_FAR = 12.0  # mm from there to its other edge, less than over the front of an eye
 _JOINT = np.array([0.0, 55.0, -85.0])  # mm from the chin to the joint of the jaw, about
 
 
@@ -150,7 +154,25 @@ class Rider:
             rest, chin = self._base.vertices, self._base.landmarks["chin"]
             jaw = Jaw(rest, chin, rest[chin] + _JOINT)
             return piece, lambda X, base, _: X + share * (jaw.motion(base).apply(X) - X)
+        edge = self._attached(piece, np.linalg.norm(foot - V, axis=1))
+        if edge.size:
+            root, nearest = bind_to_surface(skin, V[edge]), cKDTree(V[edge]).query(V)[1]
+            return piece, lambda X, _, head: X + (root.carry(head[self._own]) - V[edge])[nearest]
         return piece, lambda X, *_: X
+
+    def _attached(self, piece, away):
+        """Vertices of a strip's border along which it grows from the skin: of lashes, of a hair.
+
+        None behind the lips, where the roots of teeth lie as near to a lining.
+        """
+        V = self._body.vertices[piece]
+        loops = self._body.submesh(piece).boundary_loops
+        border = np.unique(np.concatenate(loops)) if loops else np.empty(0, dtype=int)
+        edge = border[away[border] < _ROOT]
+        if len(edge) < max(2, _EDGE * len(border)) or self._behind_lips(V) is not False:
+            return edge[:0]
+        far = cKDTree(V[edge]).query(V)[0].max()
+        return edge if far < _FAR else edge[:0]
 
     def _twin(self, V):
         """Vertices of the piece of the carrier that is in the same place and as large, or None."""
@@ -164,15 +186,27 @@ class Rider:
                 return piece
         return None
 
+    def _mouth(self):
+        marks = self._base.landmarks
+        return [
+            self._base.vertices[marks[name]]
+            for name in ("mouth_corner_left", "mouth_corner_right")
+            if name in marks and "chin" in marks
+        ]
+
+    def _behind_lips(self, V):
+        """Whether a piece lies where teeth and gums do; None where the mouth is not known."""
+        corners = self._mouth()
+        if len(corners) < 2:
+            return None
+        x, y, z = _middle(V) - np.mean(corners, axis=0)
+        return bool(longest_side(V) <= 110 and abs(x) <= 35 and -80 < z < 20 and -40 < y < 30)
+
     def _share_of_jaw(self, V):
         """How far what lies behind the lips goes with the jaw: 1, 0 to 1 for each, or None."""
-        marks = self._base.landmarks
-        if not {"chin", "mouth_corner_left", "mouth_corner_right"} <= set(marks):
+        if not self._behind_lips(V):
             return None
-        left, right = (self._base.vertices[marks[f"mouth_corner_{s}"]] for s in ("left", "right"))
-        x, y, z = _middle(V) - (left + right) / 2
-        if longest_side(V) > 110 or abs(x) > 35 or not (-80 < z < 20 and -40 < y < 30):
-            return None
+        left, right = self._mouth()
         # the line where the rows of teeth meet rises a little towards the back
         above = (V - (left + right) / 2) @ [0, 1, 0.1] - 3.0
         if np.ptp(above) < 35:  # a tooth, a row of teeth, a tongue

@@ -61,13 +61,13 @@ def mesh_scale(side, whole=True):
     Examples
     --------
     >>> mesh_scale(7.05)
-    (25.4, 'inches (or centimetres: scale=10)')
+    (25.4, 'inches (or centimetres: 10)')
     """
     tens, inches = face_scale(side), INCH * side
     found = INCH if whole and 110 <= inches < 254 else tens
     said, other = _UNITS.get(found, ""), INCH if found == tens else tens
     if other and 100 <= inches <= 700:
-        said += f" (or {_UNITS[other]}: scale={other:g})"
+        said += f" (or {_UNITS[other]}: {other:g})"
     return found, said
 
 

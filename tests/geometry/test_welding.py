@@ -161,9 +161,9 @@ def test_the_unit_of_a_face_is_told_by_its_size(face, scale):
 @pytest.mark.parametrize(
     "side, scale, said",
     [
-        (7.05, 25.4, "inches (or centimetres: scale=10)"),  # 179 mm, and no face of 70
-        (5.0, 25.4, "inches (or decimetres: scale=100)"),
-        (11.0, 10, "centimetres (or inches: scale=25.4)"),
+        (7.05, 25.4, "inches (or centimetres: 10)"),  # 179 mm, and no face of 70
+        (5.0, 25.4, "inches (or decimetres: 100)"),
+        (11.0, 10, "centimetres (or inches: 25.4)"),
         (40.0, 10, "centimetres"),
         (0.2, 1000, "metres"),
         (2.2, 100, "decimetres"),
@@ -196,7 +196,7 @@ def test_a_face_in_millimetres_is_silent(recwarn):
         (10, None, "tenths of a millimetre, or a whole body: multiply its lengths by 0.1"),
         (0.1, 1, r"looks like centimetres \(.*\): give scale=10"),
         (0.1, 1000, r"its longest side is 2.2e.04 mm.* centimetres \(.*\): give scale=10"),
-        (1 / 25.4, 1, r"looks like inches \(or centimetres: scale=10\): give scale=25\.4"),
+        (1 / 25.4, 1, r"looks like inches \(or centimetres: 10\): give scale=25\.4"),
         (1e-6, None, "no unit of length makes it a face"),
     ],
 )
