@@ -1,6 +1,7 @@
 """A head that rides on a template: skin with the skin, other parts rigidly, the rest fading out."""
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
@@ -10,13 +11,14 @@ from facelab.geometry.closest import closest_points
 from facelab.geometry.jaw import Jaw
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import longest_side
-from facelab.geometry.welding import alike, rejoined, same_place
+from facelab.geometry.welding import alike, numbered, rejoined, same_place
 from facelab.numeric.sparse import SparseFactor
 
 FADE = 60.0
 """Millimetres along the surface over which motion fades out beyond what the template covers."""
 
 _PLACE = 1e-3  # mm: vertices so near to each other are two sides of a seam
+_CORNER = 10.0  # mm: a fold so short is a corner of the mouth
 _FACE = 100.0  # mm: a piece with landmarks and so long is a face by itself
 _WORN = 0.8  # share of a piece near the skin that is worn on it: lashes, brows
 _ROOT = 2.0  # mm from the skin: where a strip grows from it
@@ -61,9 +63,48 @@ def closed(mesh):
         return mesh, np.arange(len(V))
     # unit normals a right angle apart differ by at most 1 in each coordinate, opposed by more
     index = alike(place, [mesh.normals], 1.0)
+    if len(V) == 3 * len(mesh.faces):  # loose triangles, as STL files have them
+        index = _along_edges(mesh, place, index)
     kept = np.unique(index, return_index=True)[1]
     marks = {name: int(index[v]) for name, v in mesh.landmarks.items()}
     return TriangleMesh(V[kept], rejoined(mesh.faces, index), marks), index
+
+
+def _along_edges(mesh, place, index):
+    """Groups of vertices joined also where just two triangles share an edge.
+
+    Not along a line where they fold back on each other: there lips or lids touch. A fold as short
+    as at a corner of the mouth is none.
+    """
+    F = mesh.faces
+    a, b = F.T.ravel(), np.roll(F, -1, axis=1).T.ravel()  # from a to b in one, from b to a in two
+    owner, n = np.tile(np.arange(len(F)), 3), place.max() + 1
+    _, edge, count = np.unique(
+        np.sort([place[a], place[b]], axis=0).T @ [n, 1], return_inverse=True, return_counts=True
+    )
+    pairs = np.argsort(edge, kind="stable")
+    pairs = pairs[(count == 2)[edge[pairs]]].reshape(-1, 2)
+    pairs = pairs[place[a[pairs[:, 0]]] == place[b[pairs[:, 1]]]]
+    one, two = pairs.T
+    X = mesh.vertices[F]
+    N = np.cross(X[:, 1] - X[:, 0], X[:, 2] - X[:, 0])
+    N /= np.maximum(np.linalg.norm(N, axis=1, keepdims=True), 1e-12)
+    folded = (N[owner[one]] * N[owner[two]]).sum(axis=1) < -0.5
+    ends = np.append(a[one[folded]], b[one[folded]])
+    line = _components(n, *place[ends].reshape(2, -1))[place[ends]]
+    low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
+    np.minimum.at(low, line, mesh.vertices[ends])
+    np.maximum.at(high, line, mesh.vertices[ends])
+    folded[folded] = (high - low).max(axis=1)[line[: folded.sum()]] >= _CORNER
+    one, two = one[~folded], two[~folded]
+    ends = np.append(index[a[one]], index[b[one]]), np.append(index[b[two]], index[a[two]])
+    return numbered(_components(index.max() + 1, *ends)[index])
+
+
+def _components(n, a, b):
+    """Number of the group of each of n things that pairs (a, b) hold together."""
+    pairs = sp.coo_array((np.ones(len(a)), (a, b)), shape=(n, n))
+    return connected_components(pairs, directed=False)[1]
 
 
 class Rider:

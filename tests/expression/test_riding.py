@@ -114,6 +114,32 @@ def test_a_seam_stays_closed_and_the_face_moves_as_without_it(source, head):
         np.testing.assert_allclose(d[: mesh.n_vertices], moved(whole, {unit: 1}), atol=1e-9)
 
 
+def soup_of(mesh):
+    """The same surface in loose triangles, as an STL file has it."""
+    first = {n: int(np.argmax(mesh.faces.ravel() == v)) for n, v in mesh.landmarks.items()}
+    faces = np.arange(mesh.faces.size).reshape(-1, 3)
+    return TriangleMesh(mesh.vertices[mesh.faces].reshape(-1, 3), faces, first)
+
+
+def test_loose_triangles_move_as_the_surface_that_they_are(source, bare):
+    space, first = IntermediateSpace(source, soup_of(bare)), np.unique(bare.faces, True)[1]
+    for unit in UNITS:
+        d = moved(space, {unit: 1})
+        apart = np.linalg.norm(d - d[first][bare.faces.ravel()], axis=1)
+        assert apart.max() < 1e-9, unit
+
+
+@pytest.mark.parametrize("length, joined_there", [(4.0, True), (40.0, False)])
+def test_loose_triangles_that_fold_back_are_joined_at_a_corner_and_not_along_lips(
+    length, joined_there
+):
+    sheet = grid_mesh(5, 2, spacing=length / 4)
+    other = sheet.vertices + [0, 0, 5.0] * (sheet.vertices[:, 1:2] > sheet.vertices[:, 1].min())
+    F = np.vstack([sheet.faces, sheet.faces[:, ::-1] + 10])
+    body, _ = closed(soup_of(TriangleMesh(np.vstack([sheet.vertices, other]), F)))
+    assert body.pieces.max() == (0 if joined_there else 1)
+
+
 def test_beyond_the_face_motion_fades_out_smoothly_to_the_rim(source, head):
     mesh, rim = head
     space = IntermediateSpace(source, mesh)
