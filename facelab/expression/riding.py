@@ -117,7 +117,8 @@ class Rider:
 
     Pieces that are not skin move rigidly: with the piece of the carrier in the same place, if
     there is one (eyes, teeth); else a piece behind the lips with the jaw, if it lies below the
-    line of the mouth. What lies close on the skin all over (lashes) rides on it. All others stay.
+    line of the mouth. What lies close on the skin all over (brows) rides on it, and a strip that
+    stands off it (lashes) goes with the edge that it grows from. All others stay.
 
     Parameters
     ----------

@@ -77,7 +77,8 @@ def read_rig(path, mesh=None, scale=None, neutral=None):
     Warns
     -----
     UserWarning
-        Of a unit that was taken from the size, of shapes without name, and of what was left out.
+        Of a unit that was taken from the size, of shapes without name or that move the whole head,
+        of other parts that have the shapes of the face, and of what was left out.
 
     Examples
     --------
