@@ -1,7 +1,9 @@
 """A head that rides on a template: skin with the skin, other parts rigidly, the rest fading out."""
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
 
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.binding import bind_to_surface
@@ -9,15 +11,19 @@ from facelab.geometry.closest import closest_points
 from facelab.geometry.jaw import Jaw
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import longest_side
-from facelab.geometry.welding import alike, rejoined, same_place
+from facelab.geometry.welding import alike, numbered, rejoined, same_place
 from facelab.numeric.sparse import SparseFactor
 
 FADE = 60.0
 """Millimetres along the surface over which motion fades out beyond what the template covers."""
 
 _PLACE = 1e-3  # mm: vertices so near to each other are two sides of a seam
+_CORNER = 10.0  # mm: a fold so short is a corner of the mouth
 _FACE = 100.0  # mm: a piece with landmarks and so long is a face by itself
 _WORN = 0.8  # share of a piece near the skin that is worn on it: lashes, brows
+_ROOT = 2.0  # mm from the skin: where a strip grows from it
+_EDGE = 0.4  # share of its border that does so
+_FAR = 12.0  # mm from there to its other edge, less than over the front of an eye
 _JOINT = np.array([0.0, 55.0, -85.0])  # mm from the chin to the joint of the jaw, about
 
 
@@ -57,9 +63,48 @@ def closed(mesh):
         return mesh, np.arange(len(V))
     # unit normals a right angle apart differ by at most 1 in each coordinate, opposed by more
     index = alike(place, [mesh.normals], 1.0)
+    if len(V) == 3 * len(mesh.faces):  # loose triangles, as STL files have them
+        index = _along_edges(mesh, place, index)
     kept = np.unique(index, return_index=True)[1]
     marks = {name: int(index[v]) for name, v in mesh.landmarks.items()}
     return TriangleMesh(V[kept], rejoined(mesh.faces, index), marks), index
+
+
+def _along_edges(mesh, place, index):
+    """Groups of vertices joined also where just two triangles share an edge.
+
+    Not along a line where they fold back on each other: there lips or lids touch. A fold as short
+    as at a corner of the mouth is none.
+    """
+    F = mesh.faces
+    a, b = F.T.ravel(), np.roll(F, -1, axis=1).T.ravel()  # from a to b in one, from b to a in two
+    owner, n = np.tile(np.arange(len(F)), 3), place.max() + 1
+    _, edge, count = np.unique(
+        np.sort([place[a], place[b]], axis=0).T @ [n, 1], return_inverse=True, return_counts=True
+    )
+    pairs = np.argsort(edge, kind="stable")
+    pairs = pairs[(count == 2)[edge[pairs]]].reshape(-1, 2)
+    pairs = pairs[place[a[pairs[:, 0]]] == place[b[pairs[:, 1]]]]
+    one, two = pairs.T
+    X = mesh.vertices[F]
+    N = np.cross(X[:, 1] - X[:, 0], X[:, 2] - X[:, 0])
+    N /= np.maximum(np.linalg.norm(N, axis=1, keepdims=True), 1e-12)
+    folded = (N[owner[one]] * N[owner[two]]).sum(axis=1) < -0.5
+    ends = np.append(a[one[folded]], b[one[folded]])
+    line = _components(n, *place[ends].reshape(2, -1))[place[ends]]
+    low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
+    np.minimum.at(low, line, mesh.vertices[ends])
+    np.maximum.at(high, line, mesh.vertices[ends])
+    folded[folded] = (high - low).max(axis=1)[line[: folded.sum()]] >= _CORNER
+    one, two = one[~folded], two[~folded]
+    ends = np.append(index[a[one]], index[b[one]]), np.append(index[b[two]], index[a[two]])
+    return numbered(_components(index.max() + 1, *ends)[index])
+
+
+def _components(n, a, b):
+    """Number of the group of each of n things that pairs (a, b) hold together."""
+    pairs = sp.coo_array((np.ones(len(a)), (a, b)), shape=(n, n))
+    return connected_components(pairs, directed=False)[1]
 
 
 class Rider:
@@ -72,7 +117,8 @@ class Rider:
 
     Pieces that are not skin move rigidly: with the piece of the carrier in the same place, if
     there is one (eyes, teeth); else a piece behind the lips with the jaw, if it lies below the
-    line of the mouth. What lies close on the skin all over (lashes) rides on it. All others stay.
+    line of the mouth. What lies close on the skin all over (brows) rides on it, and a strip that
+    stands off it (lashes) goes with the edge that it grows from. All others stay.
 
     Parameters
     ----------
@@ -150,7 +196,25 @@ class Rider:
             rest, chin = self._base.vertices, self._base.landmarks["chin"]
             jaw = Jaw(rest, chin, rest[chin] + _JOINT)
             return piece, lambda X, base, _: X + share * (jaw.motion(base).apply(X) - X)
+        edge = self._attached(piece, np.linalg.norm(foot - V, axis=1))
+        if edge.size:
+            root, nearest = bind_to_surface(skin, V[edge]), cKDTree(V[edge]).query(V)[1]
+            return piece, lambda X, _, head: X + (root.carry(head[self._own]) - V[edge])[nearest]
         return piece, lambda X, *_: X
+
+    def _attached(self, piece, away):
+        """Vertices of a strip's border along which it grows from the skin: of lashes, of a hair.
+
+        None behind the lips, where the roots of teeth lie as near to a lining.
+        """
+        V = self._body.vertices[piece]
+        loops = self._body.submesh(piece).boundary_loops
+        border = np.unique(np.concatenate(loops)) if loops else np.empty(0, dtype=int)
+        edge = border[away[border] < _ROOT]
+        if len(edge) < max(2, _EDGE * len(border)) or self._behind_lips(V) is not False:
+            return edge[:0]
+        far = cKDTree(V[edge]).query(V)[0].max()
+        return edge if far < _FAR else edge[:0]
 
     def _twin(self, V):
         """Vertices of the piece of the carrier that is in the same place and as large, or None."""
@@ -164,15 +228,27 @@ class Rider:
                 return piece
         return None
 
+    def _mouth(self):
+        marks = self._base.landmarks
+        return [
+            self._base.vertices[marks[name]]
+            for name in ("mouth_corner_left", "mouth_corner_right")
+            if name in marks and "chin" in marks
+        ]
+
+    def _behind_lips(self, V):
+        """Whether a piece lies where teeth and gums do; None where the mouth is not known."""
+        corners = self._mouth()
+        if len(corners) < 2:
+            return None
+        x, y, z = _middle(V) - np.mean(corners, axis=0)
+        return bool(longest_side(V) <= 110 and abs(x) <= 35 and -80 < z < 20 and -40 < y < 30)
+
     def _share_of_jaw(self, V):
         """How far what lies behind the lips goes with the jaw: 1, 0 to 1 for each, or None."""
-        marks = self._base.landmarks
-        if not {"chin", "mouth_corner_left", "mouth_corner_right"} <= set(marks):
+        if not self._behind_lips(V):
             return None
-        left, right = (self._base.vertices[marks[f"mouth_corner_{s}"]] for s in ("left", "right"))
-        x, y, z = _middle(V) - (left + right) / 2
-        if longest_side(V) > 110 or abs(x) > 35 or not (-80 < z < 20 and -40 < y < 30):
-            return None
+        left, right = self._mouth()
         # the line where the rows of teeth meet rises a little towards the back
         above = (V - (left + right) / 2) @ [0, 1, 0.1] - 3.0
         if np.ptp(above) < 35:  # a tooth, a row of teeth, a tongue

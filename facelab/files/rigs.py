@@ -2,10 +2,12 @@
 
 import re
 import warnings
+from itertools import combinations, islice
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from facelab.checks import check_number, check_type
 from facelab.files.gltf_read import GltfScene
@@ -13,8 +15,9 @@ from facelab.files.meshes import check_kind, unit_of
 from facelab.files.npz import mesh_arrays
 from facelab.files.obj import read_obj_file, read_obj_polygons, read_obj_rows
 from facelab.files.words import distinct, listed, quoted
+from facelab.geometry.alignment import procrustes
 from facelab.geometry.mesh import TriangleMesh
-from facelab.geometry.size import check_face_size, face_scale, longest_side
+from facelab.geometry.size import check_face_size, face_scale, longest_side, mesh_scale
 from facelab.geometry.welding import alike, same_place, shrunk
 from facelab.rig import BlendshapeRig, RigSource
 from facelab.storage import load_npz, save_npz
@@ -31,7 +34,9 @@ _NEUTRAL = ("neutral", "rest", "basis", "base", "default")  # the plainest word 
 _PLACE = 0.001  # mm: vertices so near to each other are in one place
 _SAME = 0.01  # mm: and are two sides of a seam, if no shape moves them more apart than this
 _FAR = 0.5  # of the spread of a face: no expression moves all of it so far on average
-_SHIFT = 0.05  # of it: a shape that moves every vertex further is said
+_SHIFT = 0.01  # of it: a shape that moves the whole head further is said
+_STAYS = 0.002  # of it: what moves less stays in its place
+_EQUAL = 1e-6  # of the longest side: the digits of a text file
 _POINT = 0.1  # mm: what is smaller is a place in a scene, not a part of a head
 _BODY = 7.0  # a mesh so many times as large as what its shapes move is a body with a face
 
@@ -72,7 +77,8 @@ def read_rig(path, mesh=None, scale=None, neutral=None):
     Warns
     -----
     UserWarning
-        Of a unit that was taken from the size, of shapes without name, and of what was left out.
+        Of a unit that was taken from the size, of shapes without name or that move the whole head,
+        of other parts that have the shapes of the face, and of what was left out.
 
     Examples
     --------
@@ -126,6 +132,8 @@ def _from_gltf(path, mesh, scale):
         chosen = max(range(len(parts)), key=lambda k: _facial(names[k], parts[k]))
     head = parts[chosen]
     scale = _unit(scene.path, head.vertices, head.deltas, unit_of(".glb"), scale)
+    _say_displaced(path, mesh, names[chosen], head.vertices * scale, head.deltas, scale)
+    _say_other_faces(scene.path, mesh, parts, names, chosen, _PLACE / scale)
     shown = scene.weights_at_rest(chosen, names[chosen])
     if shown:
         said = [f"{name} at {weight:g}" for name, weight in shown.items()]
@@ -150,6 +158,34 @@ def _facial(names, part):
     facial = sum(1 for n, m in zip(names, moved, strict=True) if m.any() and _FACIAL.search(n))
     face = part.vertices[np.any(moved, axis=0)] if moved else ()
     return facial, sum(m.any() for m in moved), longest_side(face) if len(face) else 0
+
+
+def _say_other_faces(path, mesh, parts, names, chosen, near):
+    """Say which other parts have the same shapes and touch the face, or are as large."""
+    head, whole = parts[chosen], _facial(names[chosen], parts[chosen])
+    tree, touch, like = cKDTree(head.vertices), [], []
+    for k, part in enumerate(parts):
+        if k == chosen or set(names[k]) != set(names[chosen]):
+            continue
+        facial = _facial(names[k], part)
+        shared = np.isfinite(tree.query(part.vertices, distance_upper_bound=near)[0])
+        if facial[1] and 2 < shared.sum() < 0.5 * len(shared):
+            touch.append(part.name)
+        elif facial[0] == whole[0] and facial[2] > 0.8 * whole[2]:
+            like.append(part.name)
+    if touch:
+        warnings.warn(
+            f"{path}: {head.name!r} alone is read as the face, but {quoted(touch)} have the same "
+            "shapes and touch it. If they are pieces of one face, join them to one mesh (Blender: "
+            "select them, Ctrl+J) and export again.",
+            stacklevel=4,
+        )
+    if like and mesh is None:
+        warnings.warn(
+            f"{path}: {head.name!r} is read as the face; {quoted(like)} have the same shapes and "
+            f"are as large. Choose one with mesh={like[0]!r}.",
+            stacklevel=4,
+        )
 
 
 def _has_size(path, part, scale):
@@ -201,8 +237,8 @@ def _from_folder(folder, mesh, scale, neutral):
     kept = slice(None) if mesh is None else base.vertices_of(mesh)
     face = base.whole() if mesh is None else base.part(mesh)
     V = face.vertices
-    deltas, displaced = np.empty((len(files), len(V), 3), np.float32), []
-    for k, file in enumerate(files.values()):
+    deltas, still = np.zeros((len(files), len(V), 3), np.float32), []
+    for k, (name, file) in enumerate(files.items()):
         shape, lines = read_obj_rows(file)
         if len(shape) != len(base.vertices):
             raise ValueError(
@@ -213,51 +249,72 @@ def _from_folder(folder, mesh, scale, neutral):
         if lines != rest_lines and _other_faces(file, base):
             raise ValueError(
                 f"{file}: its faces are not those of {rest}.obj, so its vertices stand in another "
-                "order; export it again with 'keep vertex order'."
+                "order, or it is another mesh; export it again with 'keep vertex order'."
             )
-        if _moves_all(file, rest, shape, base.vertices):
-            displaced.append(file.name)
+        _refuse_far(file, rest, shape, base.vertices)
+        if np.abs(shape - base.vertices).max() <= _EQUAL * longest_side(base.vertices):
+            still.append(name)
         deltas[k] = shape[kept] - V
-    if displaced:
+    if len(still) == len(files):
+        raise ValueError(
+            f"{folder}: all of its OBJ files hold the same face, so there is no shape."
+        )
+    if still:
         warnings.warn(
-            f"{folder}: {listed(displaced)} ({len(displaced)}) move every vertex, the whole head; "
-            "if that is not meant, put each where the face at rest is.",
+            f"{folder}: {listed(f'{n}.obj' for n in still)} ({len(still)}) hold the face at rest "
+            f"as {rest}.obj does, and are left out.",
             stacklevel=3,
         )
+        deltas = deltas[[name not in still for name in files]]
+    names = [name for name in files if name not in still]
     scale = _unit(folder, V, deltas, unit_of(".obj"), scale)
+    _say_displaced(folder, mesh, [f"{n}.obj" for n in names], V * scale, deltas, scale)
     read = SimpleNamespace(vertices=V, faces=face.faces, deltas=deltas, texture=face.texture)
     rest_mesh, deltas, index, apart = _welded(folder, read, scale)
     source = RigSource(str(folder / f"{rest}.obj"), mesh or rest, index, scale, apart)
-    return BlendshapeRig(rest_mesh, list(files), deltas, source=source)
+    return BlendshapeRig(rest_mesh, names, deltas, source=source)
 
 
 def _other_faces(file, base):
-    """Whether a shape joins other vertices than the face at rest, in the order of the file."""
-    if read_obj_polygons(file) == read_obj_polygons(base.path):
+    """Whether a shape joins other vertices than the face at rest, in whatever order of faces."""
+    if _polygons(file) == _polygons(base.path):
         return False
     faces = read_obj_file(file).faces
-    if faces.shape != base.faces.shape:
-        return True
+    own, others = ({tuple(f) for f in np.sort(F, axis=1).tolist()} for F in (faces, base.faces))
     # whoever cut quads into triangles may have cut some otherwise, where they bend otherwise
-    odd = np.flatnonzero((np.sort(faces, axis=1) != np.sort(base.faces, axis=1)).any(axis=1))
-    if len(odd) % 2 or (odd[1::2] != odd[::2] + 1).any():
-        return True
-    quads = [[set(F[at : at + 2].ravel().tolist()) for at in odd[::2]] for F in (faces, base.faces)]
-    return quads[0] != quads[1]
+    quads = _quads(own - others, others)
+    return len(own) != len(others) or quads is None or quads != _quads(others - own, own)
 
 
-def _moves_all(file, rest, shape, V):
-    """Whether a shape leaves no vertex near its place; refused if it is no expression of V."""
-    size = np.sqrt(((V - V.mean(axis=0)) ** 2).sum(axis=1).mean())
-    away = np.linalg.norm(shape - V, axis=1)
-    far = np.sqrt((away**2).mean()) / size if size else 0
+def _polygons(path):
+    """Vertices of each face of an OBJ file, in an order of its own."""
+    corners, counts = read_obj_polygons(path)
+    corners = iter(corners)
+    return sorted(sorted(islice(corners, n)) for n in counts)
+
+
+def _quads(triangles, others):
+    """Quads of pairs of triangles along the edges that others do not have; None if not all pair."""
+    edges = {edge for triangle in others for edge in combinations(triangle, 2)}
+    quads = {}
+    for triangle in triangles:
+        new = [edge for edge in combinations(triangle, 2) if edge not in edges]
+        if len(new) != 1:
+            return None
+        quads.setdefault(new[0], set()).update(triangle)
+    return sorted(map(sorted, quads.values()))
+
+
+def _refuse_far(file, rest, shape, V):
+    """Refuse a shape that is no expression of V."""
+    size = _spread(V)
+    far = np.sqrt(((shape - V) ** 2).sum(axis=1).mean()) / size if size else 0
     if far > _FAR:
         raise ValueError(
             f"{file}: its vertices lie {far:.2g} times as far from those of {rest}.obj as these "
             "from their middle; they stand in another order, unit or frame, or at another place in "
             "the scene. Export it as the others."
         )
-    return away.min() > _SHIFT * size
 
 
 def _neutral_of(folder, files, neutral):
@@ -354,9 +411,9 @@ def _unit(path, V, deltas, declared, scale):
         moves = np.maximum(moves, np.linalg.norm(delta, axis=1))
     moved = moves > 0.05 * moves.max() if len(moves) else moves
     face = longest_side(V[moved]) if moved.any() else side
-    if 0 < _BODY * face < side:  # a body: what the shapes move is its face
-        side = face
-    found = face_scale(side)
+    body = 0 < _BODY * face < side  # what the shapes move is its face
+    side = face if body else side
+    found, unit = mesh_scale(side, whole=not body)
     if found == declared or face_scale(side * declared) == 1:
         return declared
     if found is None or face_scale(side * declared) == 0.1:  # it may as well be a whole body
@@ -364,10 +421,54 @@ def _unit(path, V, deltas, declared, scale):
         return declared
     warnings.warn(
         f"{path}: its face is {side:.4g} long, which makes no face at {declared:g} mm to the unit; "
-        f"it is read with scale={found:g}. Give scale= to say what it is.",
+        f"it is read with scale={found:g}, {unit}. Give scale= to say what it is.",
         stacklevel=4,
     )
     return found
+
+
+def _say_displaced(path, mesh, names, V, deltas, scale):
+    """Say which shapes move the whole head; all do so of an eye, if that mesh was asked for."""
+    found = {n: _displaced(V, d * np.float32(scale)) for n, d in zip(names, deltas, strict=True)}
+    said = [f"{name} ({how})" for name, how in found.items() if how]
+    if said and (mesh is None or 2 * len(said) < len(names)):
+        warnings.warn(
+            f"{path}: {len(said)} shape(s) move the whole head, skull and neck too: "
+            f"{listed(said)}; if that is not meant, put each where the face at rest is, in its "
+            "size, and export again.",
+            stacklevel=4,
+        )
+
+
+def _displaced(V, delta):
+    """How a shape moves the whole head, in words; nothing where some of it stays in its place."""
+    size, away = _spread(V), np.linalg.norm(delta, axis=1)
+    if (away < _STAYS * size).mean() > 0.02:
+        return ""
+    moved, left = V + delta, np.zeros(len(V))
+    for _ in range(12):  # of what moves alike, the expression left out
+        core = left <= np.quantile(left, 0.4)
+        try:
+            fit = procrustes(V[core], moved[core], scale=True)
+        except ValueError:  # on one line: no head
+            return ""
+        left = np.linalg.norm(fit.apply(V) - moved, axis=1)
+    goes = np.median(np.linalg.norm(fit.apply(V) - V, axis=1))
+    if goes < _SHIFT * size or (left < 0.25 * goes).mean() < 0.25:
+        return ""
+    middle = V.mean(axis=0)
+    shift = np.linalg.norm(fit.apply(middle) - middle)
+    how = [f"by {shift:.1f} mm"] if shift > 0.2 * goes else []
+    if abs(fit.scale - 1) * size > 0.2 * goes:
+        how.append(f"{abs(fit.scale - 1):.1%} {'larger' if fit.scale > 1 else 'smaller'}")
+    if np.radians(fit.degrees) * size > 0.2 * goes:
+        how.append(f"turned by {fit.degrees:.1f} degrees")
+    return ", ".join(how)
+
+
+def _spread(V):
+    """Root mean squared distance of vertices from their middle."""
+    return np.sqrt(((V - V.mean(axis=0)) ** 2).sum(axis=1).mean())
 
 
 def _welded(path, part, scale):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from shapes import grid_mesh, sphere_mesh
 
@@ -113,6 +114,32 @@ def test_a_seam_stays_closed_and_the_face_moves_as_without_it(source, head):
         np.testing.assert_allclose(d[: mesh.n_vertices], moved(whole, {unit: 1}), atol=1e-9)
 
 
+def soup_of(mesh):
+    """The same surface in loose triangles, as an STL file has it."""
+    first = {n: int(np.argmax(mesh.faces.ravel() == v)) for n, v in mesh.landmarks.items()}
+    faces = np.arange(mesh.faces.size).reshape(-1, 3)
+    return TriangleMesh(mesh.vertices[mesh.faces].reshape(-1, 3), faces, first)
+
+
+def test_loose_triangles_move_as_the_surface_that_they_are(source, bare):
+    space, first = IntermediateSpace(source, soup_of(bare)), np.unique(bare.faces, True)[1]
+    for unit in UNITS:
+        d = moved(space, {unit: 1})
+        apart = np.linalg.norm(d - d[first][bare.faces.ravel()], axis=1)
+        assert apart.max() < 1e-9, unit
+
+
+@pytest.mark.parametrize("length, joined_there", [(4.0, True), (40.0, False)])
+def test_loose_triangles_that_fold_back_are_joined_at_a_corner_and_not_along_lips(
+    length, joined_there
+):
+    sheet = grid_mesh(5, 2, spacing=length / 4)
+    other = sheet.vertices + [0, 0, 5.0] * (sheet.vertices[:, 1:2] > sheet.vertices[:, 1].min())
+    F = np.vstack([sheet.faces, sheet.faces[:, ::-1] + 10])
+    body, _ = closed(soup_of(TriangleMesh(np.vstack([sheet.vertices, other]), F)))
+    assert body.pieces.max() == (0 if joined_there else 1)
+
+
 def test_beyond_the_face_motion_fades_out_smoothly_to_the_rim(source, head):
     mesh, rim = head
     space = IntermediateSpace(source, mesh)
@@ -161,6 +188,34 @@ def test_lashes_go_with_the_lid_they_sit_on(furnished):
     lid = np.linalg.norm(d[space.target.landmarks["eye_left_upper_inner"]])
     lash = np.linalg.norm(d[at["lash"]], axis=1)
     assert lid > 3 and lash.max() > 0.8 * lid
+
+
+def strip(row, offset):
+    """Two rows of vertices: on the skin, and off it."""
+    n, k = len(row), np.arange(len(row) - 1)
+    faces = np.r_[np.c_[k, k + 1, k + n], np.c_[k + 1, k + n + 1, k + n]]
+    return TriangleMesh(np.vstack([row, row + offset]), faces)
+
+
+def test_lashes_that_stand_off_the_lid_go_with_their_roots(source, bare, head):
+    mesh, _ = head
+    names = [f"eye_left_{n}" for n in ("outer", "upper_outer", "upper_inner", "inner")]
+    P, t = mesh.vertices[[mesh.landmarks[n] for n in names]], np.linspace(0, 3, 13)
+    row = np.stack([np.interp(t, range(4), column) for column in P.T], axis=1) + [0, 0, 0.5]
+    eye = sphere_mesh(3, 12.0)  # its front half, the rim on the skin
+    eye = placed(eye.submesh(np.flatnonzero(eye.vertices[:, 2] > -1)), P.mean(axis=0))
+    below = cKDTree(bare.vertices[:, :2]).query(eye.vertices[:, :2])[1]
+    depth = eye.vertices[:, 2].min() - bare.vertices[below, 2]
+    eye = eye.with_vertices(eye.vertices - depth[:, None] * [0, 0, 1])
+    lash = strip(row, [0, 2, 6])
+    space = IntermediateSpace(source, joined(mesh, lash, eye))
+    d = moved(space, {"AU45L": 1})[mesh.n_vertices :]
+    lid = np.linalg.norm(moved(space, {"AU45L": 1})[mesh.landmarks[names[1]]])
+    roots, tips = np.linalg.norm(d[:13], axis=1), np.linalg.norm(d[13:26], axis=1)
+    assert lid > 3 and min(roots.max(), tips.max()) > 0.8 * lid
+    assert np.linalg.norm(d[:13] - d[13:26], axis=1).max() < 0.4 * lid
+    assert np.abs(d[26:]).max() < 1e-9
+    np.testing.assert_allclose(moved(space, {}), 0, atol=1e-9)
 
 
 def test_an_eye_turns_with_that_of_the_template():

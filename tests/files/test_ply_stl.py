@@ -272,13 +272,24 @@ def test_capitals_and_normals_that_are_no_numbers_do_not_matter(write):
 @pytest.mark.parametrize(
     "old, new, words",
     [
-        ("endsolid chin\n", "", "'solid' and 'endsolid' do not alternate"),
+        ("endsolid chin\n", "", "it ends without 'endsolid'"),
         ("vertex 120 0 0", "vertex 120 0", "line 14: 'vertex 120 0' stands where 'vertex' and"),
         ("vertex 120", "vertex 1_20", "line 14: .* stands where 'vertex' and three numbers"),
         ("vertex 120", "vertex inf", "line 14: .* stands where 'vertex' and three numbers"),
         ("vertex 120", "vertex 1e99", "triangle 1: the coordinates .* beyond"),
         ("vertex 120 0 0", "", "line 15: 'vertex 0 100.5 0'|line 16: 'endloop' stands where 'vert"),
-        ("endloop\n  endfacet\nendsolid chin", "endsolid chin", "line 10 ends within a triangle"),
+        (
+            "endloop\n  endfacet\nendsolid chin",
+            "endsolid chin",
+            "line 16: .* where 'endloop'",
+        ),
+        ("endloop\n  endfacet\nendsolid chin", "", "it ends within a triangle"),
+        (
+            "endsolid Upper Lip\n",
+            "",
+            "line 9: 'solid chin' .* or 'endsolid' is wanted",
+        ),
+        ("solid Upper", "# by hand\nsolid Upper", "begins with '# by hand', so it is no STL file"),
         ("endsolid Upper Lip\n", "endsolid Upper Lip\nvertex 0 0 0\n", "line 10: there is more"),
     ],
 )
@@ -288,10 +299,35 @@ def test_a_text_stl_that_is_broken_is_refused_by_line(write, old, new, words):
         read_mesh(write(TWO.replace(old, new), "bad.stl"))
 
 
-@pytest.mark.parametrize("change", [lambda d: d[:-1], lambda d: d + b"\0", lambda d: d[:90]])
-def test_a_binary_stl_of_another_size_than_it_promises_is_refused(tmp_path, ball, change):
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: "\ufeff" + text,
+        lambda text: "\n \t\n" + text,
+        lambda text: text.replace("\n", "\r"),
+        lambda text: text.replace("\n", " "),
+        lambda text: text.replace("\n  facet", " facet"),
+        lambda text: text.replace("normal 0 0 1", "normal -1.#IND 0 1"),
+    ],
+    ids=["mark of UTF-8", "blank lines", "CR", "one line", "names and facets", "#IND"],
+)
+def test_a_text_stl_is_read_however_its_words_are_set(write, change):
+    parts = read_parts(write(change(TWO), "a.stl"))
+    assert list(parts) == ["Upper Lip", "chin"]
+    assert [m.vertices[1, 0] for m in parts.values()] == [100, 120]
+
+
+def test_a_text_stl_in_two_bytes_to_a_letter_is_refused_as_that(tmp_path):
+    (tmp_path / "a.stl").write_bytes(TWO.encode("utf-16"))
+    with pytest.raises(ValueError, match="UTF-16 text; save it as UTF-8"):
+        read_mesh(tmp_path / "a.stl")
+
+
+@pytest.mark.parametrize("header", [b"made by hand", b"solid by hand"])
+@pytest.mark.parametrize("change", [lambda d: d[:-1], lambda d: d + b"\0\0", lambda d: d[:90]])
+def test_a_binary_stl_of_another_size_than_it_promises_is_refused(tmp_path, ball, change, header):
     path = export(ball, tmp_path / "a.stl")
-    path.write_bytes(change(path.read_bytes()))
+    path.write_bytes(change(header.ljust(80, b" ") + path.read_bytes()[80:]))
     with pytest.raises(ValueError, match=r"a.stl: not a whole STL file: \d+ bytes, but its header"):
         read_mesh(path)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mutants import COUNT, tally
+from scipy.spatial.transform import Rotation
 from shapes import sphere_mesh
 
 from facelab.files import read_mesh, read_rig, write_glb, write_obj, write_rig
@@ -162,13 +163,10 @@ def test_names_that_stand_at_the_targets_themselves_are_read(tmp_path, rig, key)
     assert silently(read_rig, scene(tmp_path / "head.glb", change)).names == rig.names
 
 
-def test_the_largest_that_moves_is_the_face_and_not_a_dense_beard(tmp_path, rig):
-    """A parent of two meshes with the same shapes: a head, and a finer beard on its chin."""
-    beard = sphere_mesh(3, radius=20.0)
-    near = np.ones((1, beard.n_vertices, 1))
-    write_glb(tmp_path / "head.glb", rig.neutral, rig.deltas, rig.names)
-    write_glb(tmp_path / "beard.glb", beard, near * np.ones((3, 1, 3)), rig.names)
-    data = (tmp_path / "beard.glb").read_bytes()
+def add_mesh(path, mesh, deltas, names, name):
+    """Put another mesh with shapes into a GLB of ours, under a node of that name."""
+    write_glb(path.parent / "other.glb", mesh, deltas, names)
+    data = (path.parent / "other.glb").read_bytes()
     size = struct.unpack_from("<I", data, 12)[0]
     other = json.loads(data[20 : 20 + size])
     uri = "data:application/octet-stream;base64," + base64.b64encode(data[28 + size :]).decode()
@@ -189,11 +187,51 @@ def test_the_largest_that_moves_is_the_face_and_not_a_dense_beard(tmp_path, rig)
                 owner.update({k: v + n for k, v in owner.items()})
             primitive["indices"] += n
         told["meshes"].append(mesh)
-        told["nodes"].append({"mesh": 1, "name": "Beard"})
+        told["nodes"].append({"mesh": 1, "name": name})
         told["scenes"][0]["nodes"].append(len(told["nodes"]) - 1)
 
-    found = read_rig(scene(tmp_path / "head.glb", join))
+    return scene(path, join)
+
+
+def test_the_largest_that_moves_is_the_face_and_not_a_dense_beard(tmp_path, rig):
+    """A parent of two meshes with the same shapes: a head, and a finer beard on its chin."""
+    beard = sphere_mesh(3, radius=20.0)
+    near = np.ones((1, beard.n_vertices, 1))
+    path = tmp_path / "head.glb"
+    write_glb(path, rig.neutral, rig.deltas, rig.names)
+    add_mesh(path, beard, near * np.ones((3, 1, 3)), rig.names, "Beard")
+    found = silently(read_rig, path)
     assert (found.source.mesh, list(found.parts)) == ("face", ["Beard"])
+
+
+def test_a_face_in_two_meshes_is_said(tmp_path, rig):
+    path, left = (
+        tmp_path / "head.glb",
+        rig.neutral.vertices[rig.neutral.faces].mean(axis=1)[:, 0] > 0,
+    )
+    halves = []
+    for side in (left, ~left):
+        kept = np.unique(rig.neutral.faces[side])
+        new = np.cumsum(np.isin(np.arange(162), kept)) - 1
+        mesh = TriangleMesh(rig.neutral.vertices[kept], new[rig.neutral.faces[side]])
+        halves.append((mesh, rig.deltas[:, kept], rig.names))
+    write_glb(path, *halves[0])
+    add_mesh(path, *halves[1], "face")
+    words = r"'face' alone is read as the face, but 'face \(2\)' have the same shapes and touch it"
+    with pytest.warns(UserWarning, match=words):
+        assert list(read_rig(path).parts) == ["face (2)"]
+    with pytest.warns(UserWarning, match=words):
+        read_rig(path, mesh="face")
+
+
+def test_a_second_face_is_said_unless_one_was_chosen(tmp_path, rig):
+    path = tmp_path / "head.glb"
+    write_glb(path, rig.neutral, rig.deltas, rig.names)
+    other = TriangleMesh(rig.neutral.vertices + [300, 0, 0], rig.neutral.faces)
+    add_mesh(path, other, rig.deltas, rig.names, "Twin")
+    with pytest.warns(UserWarning, match="'Twin' have the same shapes and are as large. Choose"):
+        read_rig(path)
+    assert silently(read_rig, path, mesh="Twin").source.mesh == "Twin"
 
 
 def test_a_part_that_lies_in_one_point_is_passed_over_and_said(tmp_path, rig):
@@ -270,7 +308,18 @@ def test_two_vertices_that_changed_places_are_refused(tmp_path, rig):
         read_rig(folder)
 
 
-def test_quads_that_are_cut_otherwise_are_the_same_faces(tmp_path, rig):
+def test_the_same_faces_in_another_order_are_the_same(tmp_path, rig, rng):
+    folder = write_folder(tmp_path / "shapes", rig)
+    faces = np.roll(rng.permutation(rig.neutral.faces), 1, axis=1)
+    V = rig.neutral.vertices + rig.deltas[1]
+    write_obj(folder / "browInnerUp.obj", TriangleMesh(V, faces))
+    found = silently(read_rig, folder)
+    moved = found.deltas[found.names.index("browInnerUp")]
+    np.testing.assert_allclose(moved, rig.deltas[1], atol=1e-4)
+
+
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_quads_that_are_cut_otherwise_are_the_same_faces(tmp_path, rig, rng, shuffled):
     """Triangles 4 and 5 of a shape are the same quad, cut along its other diagonal."""
     faces = rig.neutral.faces.copy()
     a, b, c = faces[4]
@@ -281,6 +330,8 @@ def test_quads_that_are_cut_otherwise_are_the_same_faces(tmp_path, rig):
     folder = write_folder(tmp_path / "shapes", BlendshapeRig(rest, rig.names, rig.deltas))
     other = faces.copy()
     other[[4, 5]] = [[a, b, d], [a, d, c]]
+    if shuffled:
+        other = rng.permutation(other)
     shape = TriangleMesh(rest.vertices + rig.deltas[1], other)
     write_obj(folder / "browInnerUp.obj", shape)
     found = silently(read_rig, folder)
@@ -308,11 +359,40 @@ def test_a_shape_in_another_unit_place_or_order_is_refused(tmp_path, rig, change
         read_rig(folder)
 
 
-def test_a_shape_that_moves_the_whole_head_is_said(tmp_path, rig):
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (lambda V: V + [0, 30, 0], r"\(by 30\.0 mm\)"),
+        (lambda V: V + [0, 2, 0], r"\(by 2\.0 mm\)"),
+        (lambda V: V * 1.02, r"\(2\.0% larger\)"),
+        (lambda V: V * 0.98, r"\(2\.0% smaller\)"),
+        (lambda V: V @ Rotation.from_euler("x", 2, degrees=True).as_matrix(), "by 2.0 degrees"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["folder", "glb"])
+def test_a_shape_that_moves_the_whole_head_is_said(tmp_path, rig, kind, change, words):
+    deltas = rig.deltas.copy()
+    deltas[0] = change(rig.neutral.vertices + deltas[0]) - rig.neutral.vertices
+    if kind == "folder":
+        path = write_folder(tmp_path / "shapes", BlendshapeRig(rig.neutral, rig.names, deltas))
+    else:
+        path = tmp_path / "head.glb"
+        write_glb(path, rig.neutral, deltas, rig.names)
+    with pytest.warns(UserWarning, match=rf": 1 shape.* the whole head.*: jawOpen.*{words}"):
+        read_rig(path)
+
+
+def test_files_that_hold_the_face_at_rest_again_are_no_shapes(tmp_path, rig):
     folder = write_folder(tmp_path / "shapes", rig)
-    V = rig.neutral.vertices + rig.deltas[0] + [0, 30, 0]
-    write_obj(folder / "jawOpen.obj", TriangleMesh(V, rig.neutral.faces))
-    with pytest.warns(UserWarning, match=r"jawOpen\.obj \(1\) move every vertex"):
+    for name in ("Basis", "zz"):
+        write_obj(folder / f"{name}.obj", rig.neutral)
+    with pytest.warns(UserWarning, match=r"Basis\.obj, zz\.obj \(2\) hold the face at rest as neu"):
+        found = read_rig(folder)
+    assert sorted(found.names) == sorted(rig.names) and len(found.deltas) == 3
+    np.testing.assert_allclose(found.deltas[found.names.index("jawOpen")], rig.deltas[0], atol=1e-4)
+    for name in rig.names:
+        (folder / f"{name}.obj").unlink()
+    with pytest.raises(ValueError, match="all of its OBJ files hold the same face"):
         read_rig(folder)
 
 
@@ -359,21 +439,21 @@ def test_an_object_of_the_objs_can_be_chosen(tmp_path, rig):
 # --- size -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("unit, scale", [(1000, 0.001), (10, 0.1), (100, 0.01)])
+@pytest.mark.parametrize("unit, scale", [(1000, 0.001), (10, 0.1), (100, 0.01), (25.4, 1 / 25.4)])
 def test_the_unit_of_objs_is_taken_from_the_size_of_a_face_and_said(tmp_path, rig, unit, scale):
     folder = write_folder(tmp_path / "shapes", rig, scale)
-    with pytest.warns(UserWarning, match=f"it is read with scale={unit}. Give scale="):
+    with pytest.warns(UserWarning, match=f"it is read with scale={unit}, .*Give scale="):
         again = read_rig(folder)
     np.testing.assert_allclose(again.neutral.vertices, rig.neutral.vertices, atol=1e-3)
     assert again.source.scale == unit
     np.testing.assert_allclose(silently(read_rig, folder, scale=unit).deltas, again.deltas)
 
 
-@pytest.mark.parametrize("scale, unit", [(100, 10), (1000, 1)])
+@pytest.mark.parametrize("scale, unit", [(100, 10), (1000, 1), (1000 / 25.4, 25.4)])
 def test_a_glb_that_does_not_count_in_metres_is_noticed(tmp_path, rig, scale, unit):
     mesh = rig.neutral.with_vertices(rig.neutral.vertices * scale)
     write_glb(tmp_path / "a.glb", mesh, rig.deltas * scale, rig.names)
-    with pytest.warns(UserWarning, match=f"it is read with scale={unit}. Give scale="):
+    with pytest.warns(UserWarning, match=f"it is read with scale={unit}, .*Give scale="):
         again = read_rig(tmp_path / "a.glb")
     np.testing.assert_allclose(again.neutral.vertices, rig.neutral.vertices, atol=1e-3)
 

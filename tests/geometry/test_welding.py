@@ -4,7 +4,7 @@ from shapes import grid_mesh, sphere_mesh
 
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.polygons import triangulate
-from facelab.geometry.size import check_face_size, face_scale, longest_side
+from facelab.geometry.size import check_face_size, face_scale, longest_side, mesh_scale
 from facelab.geometry.welding import alike, same_place
 
 
@@ -158,9 +158,25 @@ def test_the_unit_of_a_face_is_told_by_its_size(face, scale):
     assert face_scale(face / scale) == scale
 
 
+@pytest.mark.parametrize(
+    "side, scale, said",
+    [
+        (7.05, 25.4, "inches (or centimetres: 10)"),  # 179 mm, and no face of 70
+        (5.0, 25.4, "inches (or decimetres: 100)"),
+        (11.0, 10, "centimetres (or inches: 25.4)"),
+        (40.0, 10, "centimetres"),
+        (0.2, 1000, "metres"),
+        (2.2, 100, "decimetres"),
+    ],
+)
+def test_a_face_that_tens_make_none_is_in_inches(side, scale, said):
+    assert mesh_scale(side) == (scale, said)
+    assert mesh_scale(side, whole=False)[0] == face_scale(side)
+
+
 @pytest.mark.parametrize("side", [0, 1e-4, 1e5])
 def test_what_no_unit_makes_a_face_has_none(side):
-    assert face_scale(side) is None
+    assert face_scale(side) is None and mesh_scale(side)[0] is None
 
 
 def test_a_face_in_millimetres_is_silent(recwarn):
@@ -176,10 +192,11 @@ def test_a_face_in_millimetres_is_silent(recwarn):
     "k, scale, words",
     [
         (0.001, None, "rig: its longest side is 0.22 mm.* metres: multiply its lengths by 1000"),
-        (0.1, None, "centimetres: multiply its lengths by 10"),
+        (0.1, None, r"centimetres \(.*\): multiply its lengths by 10"),
         (10, None, "tenths of a millimetre, or a whole body: multiply its lengths by 0.1"),
-        (0.1, 1, "looks like centimetres: give scale=10"),
-        (0.1, 1000, "its longest side is 2.2e.04 mm.* centimetres: give scale=10"),
+        (0.1, 1, r"looks like centimetres \(.*\): give scale=10"),
+        (0.1, 1000, r"its longest side is 2.2e.04 mm.* centimetres \(.*\): give scale=10"),
+        (1 / 25.4, 1, r"looks like inches \(or centimetres: 10\): give scale=25\.4"),
         (1e-6, None, "no unit of length makes it a face"),
     ],
 )
