@@ -10,6 +10,7 @@ from facelab.geometry.jaw import Jaw
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import longest_side
 from facelab.geometry.welding import alike, rejoined, same_place
+from facelab.geometry.winding import agreement, turned_over
 from facelab.numeric.sparse import SparseFactor
 
 FADE = 60.0
@@ -56,7 +57,7 @@ def closed(mesh):
     if place.max() + 1 == len(V):
         return mesh, np.arange(len(V))
     # unit normals a right angle apart differ by at most 1 in each coordinate, opposed by more
-    index = alike(place, [mesh.normals], 1.0)
+    index = alike(place, [turned_over(mesh, agreement(mesh)[0]).normals], 1.0)
     kept = np.unique(index, return_index=True)[1]
     marks = {name: int(index[v]) for name, v in mesh.landmarks.items()}
     return TriangleMesh(V[kept], rejoined(mesh.faces, index), marks), index
