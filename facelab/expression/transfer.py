@@ -277,6 +277,13 @@ class IntermediateSpace:
             return np.arange(self.rig.neutral.n_vertices)
         return np.flatnonzero(self._back.covered)
 
+    @property
+    def reached(self):
+        """Vertices of the target's own skin that the template reaches: int, (n_reached,)."""
+        if self.fit is None:
+            return np.arange(self.target.n_vertices)
+        return np.flatnonzero(self._forth.covered)
+
     def to_template(self, sketch, register=None):
         """A sketched expression of the target in the topology of the template.
 
