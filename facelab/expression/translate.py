@@ -28,7 +28,7 @@ from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size
 from facelab.geometry.winding import outwards
 from facelab.motion import WeightSequence
-from facelab.names import arkit_names
+from facelab.names import arkit_names, as_landmarks
 from facelab.numeric.least_squares import smoothed_sides, solve_bounded, solve_bounded_rows
 from facelab.numeric.threads import one_thread
 from facelab.rig import BlendshapeRig
@@ -353,10 +353,12 @@ def _rank(rig):
 
 def _refuse_turned(one, other):
     """Shapes go from head to head as they stand, so both have to stand alike."""
-    names = [n for n in one.landmarks if n in other.landmarks]
+    theirs = as_landmarks(one.landmarks, other.landmarks)
+    names = [n for n in one.landmarks if n in theirs]
     if len(names) < 4:
         return  # the same triangles, or too few for what follows, which says so
-    ends = [m.vertices[[m.landmarks[n] for n in names]] for m in (one, other)]
+    places = (one, one.landmarks), (other, theirs)
+    ends = [mesh.vertices[[marks[n] for n in names]] for mesh, marks in places]
     try:
         turn = Rotation.from_matrix(procrustes(*ends, scale=True).rotation)
     except ValueError:  # landmarks on one line

@@ -253,9 +253,14 @@ def test_heads_that_stand_otherwise_are_refused(actors):
     rig, other = actors
     turn = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]).T  # z up
     mesh = TriangleMesh(other.neutral.vertices @ turn, other.neutral.faces, other.neutral.landmarks)
-    lying = BlendshapeRig(mesh, other.names, other.deltas @ turn)
-    with pytest.raises(ValueError, match=r"other is turned by (8\d|9\d) degrees .* about \(1\.0, "):
-        Translator(rig, lying)
+    for marks in (mesh.landmarks, {n.upper(): v for n, v in mesh.landmarks.items()}):
+        lying = BlendshapeRig(
+            TriangleMesh(mesh.vertices, mesh.faces, marks), other.names, other.deltas @ turn
+        )
+        with pytest.raises(
+            ValueError, match=r"other is turned by (8\d|9\d) degrees .* about \(1\.0, "
+        ):
+            Translator(rig, lying)
 
 
 @pytest.mark.parametrize("still", ["rig", "other"])
