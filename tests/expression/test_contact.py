@@ -139,6 +139,14 @@ def test_lips_wound_inwards_are_held_off_each_other_alike(carried):
     assert (here != poses[-1]).any()
 
 
+def test_lips_are_known_by_landmarks_in_any_spelling(carried):
+    mesh = carried[0].target
+    marks = {n.upper(): v for n, v in mesh.landmarks.items()}
+    assert set(Contact(TriangleMesh(mesh.vertices, mesh.faces, marks)).slits) == set(
+        Contact(mesh).slits
+    )
+
+
 def test_contact_is_off_unless_asked_for(carried):
     space, faces = carried
     plain = IntermediateSpace(space.source, space.target)
