@@ -145,7 +145,7 @@ class NameMatch:
         )
 
 
-def match_names(shapes, names):
+def match_names(shapes, names, sided=False, what="shape"):
     """Which of some names drives each shape, whatever their spelling.
 
     The same name is taken first, then one that differs in case, separators, spelling of the side
@@ -158,6 +158,10 @@ def match_names(shapes, names):
     ----------
     shapes, names : sequence of str
         Each once.
+    sided : bool, default=False
+        A name without side drives no shape that has one.
+    what : str
+        What the shapes are, for messages.
 
     Returns
     -------
@@ -183,11 +187,11 @@ def match_names(shapes, names):
     ways = [plain, (short[0], plain[1]), (plain[0], short[1]), short]
     taken = set(driven.values())
     for keys, theirs in ways:
-        _add(driven, taken, shapes, keys, names, theirs)
+        _add(driven, taken, shapes, keys, names, theirs, what)
         taken |= set(driven.values())
-    for keys, theirs in ways:
+    for keys, theirs in () if sided else ways:
         stems = [_stem(key) for key in keys]
-        _add(driven, taken, shapes, stems, names, theirs, shared=True)
+        _add(driven, taken, shapes, stems, names, theirs, what, shared=True)
     return NameMatch(
         {shape: driven[shape] for shape in shapes if shape in driven},
         tuple(shape for shape in shapes if shape not in driven),
@@ -195,9 +199,33 @@ def match_names(shapes, names):
     )
 
 
-def _add(driven, taken, shapes, keys, names, theirs, shared=False):
+def as_landmarks(landmarks, named):
+    """Named things, those that read like landmarks under the landmarks' own names.
+
+    Parameters
+    ----------
+    landmarks : iterable of str
+    named : dict of str
+        By names in any spelling of case, side and prefix.
+
+    Returns
+    -------
+    dict of str
+        In the same order; what reads like no landmark keeps its name.
+
+    Examples
+    --------
+    >>> as_landmarks(["chin", "brow_left_1"], {"Head:CHIN": 3, "brow_L_1": 5, "ear": 7})
+    {'chin': 3, 'brow_left_1': 5, 'ear': 7}
+    """
+    match = match_names(list(landmarks), list(named), sided=True, what="landmark")
+    meant = {name: landmark for landmark, name in match.driven.items()}
+    return {meant.get(name, name): thing for name, thing in named.items()}
+
+
+def _add(driven, taken, shapes, keys, names, theirs, what, shared=False):
     """Shapes not driven yet, by names not taken yet whose key is theirs; refused where unclear."""
-    found, claims = {}, {}
+    found, claims, plain = {}, {}, what == "shape"
     for name, key in zip(names, theirs, strict=True):
         if name not in taken and key:
             found.setdefault(key, []).append(name)
@@ -206,15 +234,15 @@ def _add(driven, taken, shapes, keys, names, theirs, shared=False):
             continue
         if len(found[key]) > 1:
             raise ValueError(
-                f"{', '.join(map(repr, found[key]))} all read like the shape {shape!r}; give the "
-                "one meant that name, and the others another (take.renamed)."
+                f"{', '.join(map(repr, found[key]))} all read like the {what} {shape!r}; give the "
+                f"one meant that name, and the others another{' (take.renamed)' * plain}."
             )
         claims.setdefault(found[key][0], []).append(shape)
     for name, several in claims.items():
         if len(several) > 1 and not shared:
             raise ValueError(
-                f"the shapes {', '.join(map(repr, several))} all read like {name!r}; give the one "
-                "meant that name, and the others another (rig.renamed)."
+                f"the {what}s {', '.join(map(repr, several))} all read like {name!r}; give the "
+                f"one meant that name, and the others another{' (rig.renamed)' * plain}."
             )
         driven.update(dict.fromkeys(several, name))
 

@@ -45,6 +45,7 @@ def maker(options):
             "rms_mm": float(np.sqrt((said.errors[known] ** 2).mean())),
             "largest_mm": float(said.errors[known].max()),
             "size_of_motion_mm": float(np.sqrt((said.sizes[known] ** 2).mean())),
+            "share_compared": said.compared,
             "active_shapes": said.active,
             "cannot_be_made": list(said.cannot),
             "report": str(said),

@@ -15,6 +15,7 @@ from facelab.expression.riding import closed
 from facelab.geometry.closest import closest_points
 from facelab.geometry.crossings import cutting
 from facelab.geometry.mesh import TriangleMesh, normals_operator, vertex_normals_by
+from facelab.geometry.winding import outwards
 from facelab.looks.openings import SIDES, eye_opening
 from facelab.numeric.least_squares import solve_bounded
 
@@ -66,7 +67,7 @@ class Contact:
     """
 
     def __init__(self, mesh):
-        body, self._index = closed(mesh)
+        body, self._index = closed(outwards(mesh))
         self._first = np.unique(self._index, return_index=True)[1]
         self._shape = mesh.vertices.shape
         self.slits = {name: Slit(body, *seeds) for name, *seeds in _slits(body)}

@@ -5,6 +5,7 @@ from scipy.spatial import cKDTree
 
 from facelab.checks import check_type
 from facelab.geometry.size import check_face_size
+from facelab.geometry.winding import outwards
 from facelab.names import arkit_names
 from facelab.rig import BlendshapeRig
 
@@ -18,6 +19,7 @@ _NEEDED = {
 _BORDER = 0.3  # of the way from the fullest of a lip to the fold beyond: where its red ends
 _CORNER = 15.0  # mm from the end of the parted lips, within which the corner is looked for
 _ALONG = 0.7  # cosine: a head may be tilted or turned by 45 degrees
+_BACK = np.radians(4)  # by how much the eyes lie farther back than the mouth, seen from it
 _LID = 0.5  # share of the largest motion of a blink that is left at the corners of the eye
 
 
@@ -25,7 +27,8 @@ def guess_landmarks(rig):
     """Ten landmarks of a rig, from its shapes: tip of the nose, chin, lips, corners.
 
     A smile moves the corner of the mouth most; where a jaw drops, lips part on the middle line; a
-    blink ends at the corners of the eye. Off by at most 2.3 mm on Aura (whose landmarks are
+    blink ends at the corners of the eye. The head is held straight for it, so it may be tilted or
+    turned. Off by at most 2.3 mm on Aura (whose landmarks are
     guesses too), 3.2 mm on the generic face (7 mm at its eyes where they are not open in the mesh)
     and 8 mm, at the chin, on a synthetic actor: enough to start a fit; look at them before you
     trust them.
@@ -47,6 +50,11 @@ def guess_landmarks(rig):
         If such a shape is missing or moves nothing, the jaw parts no lips, or the eyes do not lie
         above the mouth with the left one on the left: another frame, or sides exchanged in names.
 
+    Warns
+    -----
+    UserWarning
+        For triangles wound inwards, which are turned over.
+
     Examples
     --------
     >>> import facelab
@@ -56,7 +64,7 @@ def guess_landmarks(rig):
     """
     check_type(rig, "rig", BlendshapeRig, "give a rig")
     check_face_size(rig.neutral.vertices, "rig")
-    mesh = rig.neutral
+    mesh = outwards(rig.neutral, "rig")
     skin = mesh.pieces == np.bincount(mesh.pieces).argmax()
     size = {name: np.where(skin, _size(rig, name), 0) for name in _NEEDED}
     missing = [f"{what} ({name})" for name, what in _NEEDED.items() if not size[name].any()]
@@ -65,8 +73,8 @@ def guess_landmarks(rig):
             f"rig has no shape that by its name is {', '.join(missing)}; rename its shapes "
             "(rig.renamed), or read or pick landmarks."
         )
-    V, found = mesh.vertices, {}
-    _refuse_other_frame(V, size)
+    mesh, found = mesh.with_vertices(mesh.vertices @ _upright(mesh.vertices, size).T), {}
+    V = mesh.vertices
     mouth = _parted(V, np.flatnonzero(skin), size["jawOpen"])
     for side, out in (("left", 1), ("right", -1)):
         end = mouth[(out * V[mouth, 0]).argmax()]
@@ -87,8 +95,11 @@ def _size(rig, meaning):
     return np.linalg.norm(moved, axis=1)
 
 
-def _refuse_other_frame(V, size):
-    """The eyes tell where left is; the mouth below them, where up is."""
+def _upright(V, size):
+    """The turn to a head held straight: the eyes tell where left is; the mouth below, where up is.
+
+    Refused where that is another frame.
+    """
     left, right, one, other = (
         size[name] @ V / size[name].sum()
         for name in ("eyeBlinkLeft", "eyeBlinkRight", "mouthSmileLeft", "mouthSmileRight")
@@ -103,6 +114,11 @@ def _refuse_other_frame(V, size):
                 "forward), or rename shapes whose sides are exchanged (rig.renamed). Else read or "
                 "pick landmarks."
             )
+    x = across / np.linalg.norm(across)
+    z = np.cross(x, up)
+    z /= np.linalg.norm(z)
+    c, s = np.cos(_BACK), np.sin(_BACK)
+    return np.array([[1, 0, 0], [0, c, s], [0, -s, c]]) @ [x, np.cross(z, x), z]
 
 
 def _lids(mesh, blink):

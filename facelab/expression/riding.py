@@ -9,9 +9,11 @@ from facelab.geometry.alignment import procrustes
 from facelab.geometry.binding import bind_to_surface
 from facelab.geometry.closest import closest_points
 from facelab.geometry.jaw import Jaw
-from facelab.geometry.mesh import TriangleMesh
+from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.geometry.size import longest_side
 from facelab.geometry.welding import alike, numbered, rejoined, same_place
+from facelab.geometry.winding import agreement, turned_over
+from facelab.names import as_landmarks
 from facelab.numeric.sparse import SparseFactor
 
 FADE = 60.0
@@ -50,23 +52,25 @@ def closed(mesh):
     """The mesh with its seams closed, and its vertex for each vertex of this one.
 
     Vertices in one place are joined unless they face away from each other, as the two sides of a
-    sheet do.
+    sheet do. Landmarks are spelled as in `MULTI_PIE`.
 
     Returns
     -------
     mesh : TriangleMesh
     index : ndarray of int, shape (n_vertices,)
     """
-    V = mesh.vertices
+    V, marks = mesh.vertices, as_landmarks(MULTI_PIE, mesh.landmarks)
     place = same_place(V, min(_PLACE, 5e-6 * longest_side(V)))
     if place.max() + 1 == len(V):
-        return mesh, np.arange(len(V))
+        known = list(marks) == list(mesh.landmarks)
+        return mesh if known else TriangleMesh(V, mesh.faces, marks), np.arange(len(V))
     # unit normals a right angle apart differ by at most 1 in each coordinate, opposed by more
-    index = alike(place, [mesh.normals], 1.0)
+    turned = turned_over(mesh, agreement(mesh)[0])
+    index = alike(place, [turned.normals], 1.0)
     if len(V) == 3 * len(mesh.faces):  # loose triangles, as STL files have them
-        index = _along_edges(mesh, place, index)
+        index = _along_edges(turned, place, index)
     kept = np.unique(index, return_index=True)[1]
-    marks = {name: int(index[v]) for name, v in mesh.landmarks.items()}
+    marks = {name: int(index[v]) for name, v in marks.items()}
     return TriangleMesh(V[kept], rejoined(mesh.faces, index), marks), index
 
 

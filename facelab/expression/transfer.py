@@ -20,9 +20,11 @@ from facelab.geometry.alignment import procrustes
 from facelab.geometry.deformation import LaplacianDeformer
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size
+from facelab.geometry.winding import outwards, turned_over
 from facelab.motion import MotionSequence
 from facelab.numeric.sparse import SparseFactor
 from facelab.registration.fit import fit_scan
+from facelab.registration.scan import turned_from
 from facelab.rig import BlendshapeRig
 
 METHODS = ("transfer", "mapping", "copy")
@@ -160,6 +162,17 @@ def _fitted(template, target, preset):
     return V, fit
 
 
+def _wound_as(target, face):
+    """The target, its skin wound as the face that lies on it; other parts go with the most."""
+    body, index = closed(target)
+    skin = skin_of(body)[index][target.faces[:, 0]]
+    under = TriangleMesh(target.vertices, target.faces[skin])
+    turned = np.zeros(len(skin), dtype=bool)
+    turned[skin] = turned_from(under, face)
+    turned[~skin] = under.face_areas[turned[skin]].sum() > under.face_areas.sum() / 2
+    return turned_over(target, turned)
+
+
 class IntermediateSpace:
     """A target face, its sketches and the source's action units, all in one topology.
 
@@ -218,9 +231,11 @@ class IntermediateSpace:
             raise ValueError("register=False, but target has other triangles; leave it out.")
         self.source, self.target, self.preset = source, target, preset
         self.contact, self.fit = contact, None
+        template, V = outwards(source.neutral, "source"), target.vertices
         if register or not alike:
-            V, self.fit = _fitted(source.neutral, target, preset)
-        neutral = source.neutral.with_vertices(V if self.fit else target.vertices)
+            V, self.fit = _fitted(template, target, preset)
+        self._face = template.with_vertices(V)
+        neutral = source.neutral.with_vertices(V)
         self.carrier = UnitCarrier(source.neutral, neutral, method)
         self.rig = BlendshapeRig(neutral, source.names, self.carrier.carry(source.deltas))
 
@@ -235,20 +250,25 @@ class IntermediateSpace:
         return self.fit.alignment.apply(V) if self.fit else V
 
     @cached_property
+    def _own(self):
+        """The target's own mesh, head frame, wound outwards."""
+        if self.fit is None:
+            return self._face
+        return _wound_as(self.target.with_vertices(self._to_head(self.target.vertices)), self._face)
+
+    @cached_property
     def _forth(self):
         """The target's own mesh, riding on the template."""
-        target = self.target.with_vertices(self._to_head(self.target.vertices))
-        return Rider(self.rig.neutral, target)
+        return Rider(self._face, self._own)
 
     @cached_property
     def _back(self):
         """The template, riding on the target's own mesh."""
-        target = self.target.with_vertices(self._to_head(self.target.vertices))
-        return Rider(target, self.rig.neutral, fade=None)
+        return Rider(self._own, self._face, fade=None)
 
     @cached_property
     def _contact(self):
-        return Contact(self.target.with_vertices(self._to_head(self.target.vertices)))
+        return Contact(self._own)
 
     @property
     def covered(self):
@@ -256,6 +276,13 @@ class IntermediateSpace:
         if self.fit is None:
             return np.arange(self.rig.neutral.n_vertices)
         return np.flatnonzero(self._back.covered)
+
+    @property
+    def reached(self):
+        """Vertices of the target's own skin that the template reaches: int, (n_reached,)."""
+        if self.fit is None:
+            return np.arange(self.target.n_vertices)
+        return np.flatnonzero(self._forth.covered)
 
     def to_template(self, sketch, register=None):
         """A sketched expression of the target in the topology of the template.
@@ -280,7 +307,7 @@ class IntermediateSpace:
             For NaN, for vertices of another number without triangles, and as `fit_scan`.
         """
         if isinstance(sketch, TriangleMesh) and (register or not _alike(sketch, self.target)):
-            V, _ = _fitted(self.rig.neutral, sketch, self.preset)
+            V, _ = _fitted(self._face, sketch, self.preset)
             # the landmarks alone take an open jaw for a nod
             return find_alignment(self.rig, V).apply(V)
         V = sketch_positions(sketch)

@@ -13,6 +13,7 @@ second takes what both rigs call the same for the same. The whole is one energy 
 way back minimises the same.
 """
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,12 +21,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from facelab.checks import check_number, check_type
+from facelab.expression.riding import closed, skin_of
 from facelab.expression.transfer import IntermediateSpace
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size
+from facelab.geometry.winding import outwards
 from facelab.motion import WeightSequence
-from facelab.names import arkit_names
+from facelab.names import arkit_names, as_landmarks
 from facelab.numeric.least_squares import smoothed_sides, solve_bounded, solve_bounded_rows
 from facelab.numeric.threads import one_thread
 from facelab.rig import BlendshapeRig
@@ -44,6 +47,7 @@ _TURNED = np.pi / 6  # of one head against another: more is another frame
 _RIDGE = 1e-5  # of the mean unit: settles what shapes that are mixtures of others leave open
 _NONE = 0.03  # a weight of the map below that is none
 _MADE = 0.5  # a shape of which more than this share is left cannot be made
+_WHOLE, _MUCH = 0.995, 0.6  # share of the motion compared: said below the one, warned of the other
 _SEEN = 0.05  # mm RMS: below that a shape moves nothing that could be compared
 
 _PLACES = (  # shapes that move one place of the face most, which is then a landmark of both
@@ -71,6 +75,9 @@ class TranslationReport:
         left.
     active : float
         Shapes at more than 0.01 in a frame, on average.
+    compared : float
+        Share of the motion (squared, by area of skin) that lies where both rigs have the face;
+        errors and sizes tell of that alone.
     """
 
     errors: np.ndarray
@@ -79,6 +86,7 @@ class TranslationReport:
     shape_sizes: dict
     cannot: tuple
     active: float
+    compared: float = 1.0
 
     def __str__(self):
         rms, size = (np.sqrt(np.nanmean(x**2)) for x in (self.errors, self.sizes))
@@ -88,6 +96,11 @@ class TranslationReport:
             f"{self.errors[worst]:.2f} mm, in frame {worst}. {self.active:.1f} shapes are active "
             "in a frame."
         ]
+        if self.compared < _WHOLE:
+            lines.append(
+                f"Compared is where both rigs have the face: {100 * self.compared:.0f} % of this "
+                "motion lies there; of the rest nothing is known."
+            )
         if self.cannot:
             said = [
                 f"{n} ({self.shape_errors[n]:.2f} of {self.shape_sizes[n]:.2f} mm left)"
@@ -131,10 +144,13 @@ class Translator:
         self.rig, self.other = rig, other
         self.turned = turned = _rank(other) > _rank(rig)
         template, guest = (_with_places(r) for r in ((other, rig) if turned else (rig, other)))
+        mesh = outwards(template.neutral, "other" if turned else "rig")
+        template = BlendshapeRig(mesh, template.names, template.deltas)
         _refuse_turned(rig.neutral, other.neutral)
         self.space = IntermediateSpace(template, guest.neutral)
         own, theirs = _compared(self.space, guest)
         self._A, self._B = (theirs, own) if turned else (own, theirs)
+        self._lain = _motions(rig, self.space.reached if turned else self.space.covered)
         for one, name in ((self._A, "rig"), (self._B, "other")):
             if np.abs(one).max(initial=0) < _STILL:
                 raise ValueError(
@@ -214,6 +230,14 @@ class Translator:
         """How far weights of `rig`, (n_frames, n_shapes), move the face: RMS, mm, (n_frames,)."""
         return np.sqrt(np.maximum(((a @ self._grams[0]) * a).sum(axis=1), 0))
 
+    def compared(self, a):
+        """Share of the motion by weights of `rig`, (n_frames, n_shapes), that is compared: 0 to 1.
+
+        By squares, and by area of the skin of `rig`.
+        """
+        seen, all_ = (float(((a @ G) * a).sum()) for G in self._lain)
+        return min(seen / all_, 1.0) if all_ > 0 else 1.0
+
     def difference(self, a, b):
         """RMS distance of the face by weights of `rig` from that of `other`: mm, (n_frames,).
 
@@ -257,7 +281,14 @@ class Translator:
             for n, mm in self.shape_sizes.items()
             if moves[n] and mm > _SEEN and self.shape_errors[n] > _MADE * mm
         )
-        active = (b > 0.01).sum(axis=1)[valid]
+        active, compared = (b > 0.01).sum(axis=1)[valid], self.compared(a[valid])
+        if compared < _MUCH:
+            warnings.warn(
+                f"only {100 * compared:.0f} % of what the take moves lies where both rigs have the "
+                "face; the rest of it is not compared, and the weights are told by that part "
+                "alone. Look whether both show the whole face and their landmarks lie right.",
+                stacklevel=4,
+            )
         return TranslationReport(
             errors,
             np.where(valid, size, np.nan),
@@ -265,6 +296,7 @@ class Translator:
             self.shape_sizes,
             cannot,
             float(active.mean()) if active.size else 0.0,
+            compared,
         )
 
 
@@ -321,10 +353,12 @@ def _rank(rig):
 
 def _refuse_turned(one, other):
     """Shapes go from head to head as they stand, so both have to stand alike."""
-    names = [n for n in one.landmarks if n in other.landmarks]
+    theirs = as_landmarks(one.landmarks, other.landmarks)
+    names = [n for n in one.landmarks if n in theirs]
     if len(names) < 4:
         return  # the same triangles, or too few for what follows, which says so
-    ends = [m.vertices[[m.landmarks[n] for n in names]] for m in (one, other)]
+    places = (one, one.landmarks), (other, theirs)
+    ends = [mesh.vertices[[marks[n] for n in names]] for mesh, marks in places]
     try:
         turn = Rotation.from_matrix(procrustes(*ends, scale=True).rotation)
     except ValueError:  # landmarks on one line
@@ -372,6 +406,21 @@ def _compared(space, guest):
     theirs = np.stack([(space.to_template(rest + d) - at_rest)[both] for d in guest.deltas])
     own = space.rig.deltas[:, both]
     return own.reshape(len(own), -1), theirs.reshape(len(theirs), -1)
+
+
+def _motions(rig, covered):
+    """Products of all shapes of a rig on the covered vertices of its skin, and on all of it."""
+    body, index = closed(rig.neutral)
+    skin, both = skin_of(body)[index], np.zeros(rig.neutral.n_vertices, dtype=bool)
+    both[covered] = True
+    area = rig.neutral.vertex_areas
+
+    def products(where):
+        X = (rig.deltas[:, where] * np.sqrt(area[where])[:, None]).reshape(len(rig.deltas), -1)
+        return X @ X.T
+
+    with one_thread():
+        return products(skin & both), products(skin)
 
 
 def _few_nearest(H, G, own):

@@ -23,6 +23,7 @@ from facelab.geometry.symmetry import (
     symmetrised,
 )
 from facelab.geometry.texture import Texture
+from facelab.geometry.winding import outwards
 
 __all__ = [
     "MULTI_PIE",
@@ -47,6 +48,7 @@ __all__ = [
     "mirrored",
     "one_sided",
     "other_side",
+    "outwards",
     "procrustes",
     "rigid_motion",
     "rigid_weights",

@@ -22,7 +22,8 @@ from facelab.checks import as_numbers, check_choice, check_names, check_number
 from facelab.geometry.alignment import Alignment, procrustes
 from facelab.geometry.closest import closest_points
 from facelab.geometry.mesh import TriangleMesh
-from facelab.registration.landmarks import DOUBTED, check_landmarks, judge
+from facelab.names import as_landmarks
+from facelab.registration.landmarks import DOUBTED, check_landmarks, check_spread, judge
 from facelab.registration.layout import MarkerLayout
 from facelab.registration.prior import Prior, PriorLayout, made_prior
 from facelab.registration.report import check_drawn, check_surface, made_report, near_markers
@@ -136,16 +137,21 @@ class MarkerFit(Fit):
     offset: float = 1.5
     prior: Prior | None = field(default=None, repr=False)
 
+    @cached_property
+    def _as_landmarks(self):
+        """The names of the markers, those of landmarks as the mesh spells them: list of str."""
+        return list(as_landmarks(self.mesh.landmarks, dict.fromkeys(self.names)))
+
     @property
     def used(self):
         """Which markers the fit believed, not taking them for ghosts: bool, (n_markers,)."""
-        held = np.isin(self.names, self.landmarks)
+        held = np.isin(self._as_landmarks, self.landmarks)
         return held | (self.residuals <= max(6 * np.median(self.residuals), _GHOST))
 
     @cached_property
     def report(self):
         """How far the fit can be trusted: FitReport."""
-        row = {name: i for i, name in enumerate(self.names)}
+        row = {name: i for i, name in enumerate(self._as_landmarks)}
         off = self._landmarks_off(self.rest[[row[n] for n in self.landmarks]], self.offset)
         feet = rows(self.mesh, self.faces, self.weights) @ self.mesh.vertices
         drawn = near_markers(self.mesh, feet[self.used])
@@ -212,6 +218,7 @@ def _warped(template, positions, named, preset, label, height=0.0, normals=None)
         )
     marks = [template.landmarks[n] for n in known]
     source = template.vertices[marks] + height * template.normals[marks]
+    check_spread(source, known, label)
     data = [named[n] for n in known]
     target = positions[data]
     both = None if normals is None else (template.normals[marks], normals[data])
@@ -249,7 +256,7 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
     positions : array_like of shape (n_markers, 3)
         Millimetres, any frame; NaN for a marker that was not seen: it is left out.
     names : sequence of str
-        Of the markers; those called like a landmark give the start.
+        Of the markers; those called like a landmark, in whatever spelling, give the start.
     offset : float, default=1.5
         Height of a marker's centre over the skin, millimetres.
     preset : str, default="balanced"
@@ -262,10 +269,10 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
     Raises
     ------
     ValueError
-        If six landmarks or more are not among the names; for mirrored data, other units than
-        millimetres, exchanged sides, names in another order, or landmarks far from where the
-        others put them, by name; for a marker more than a metre from the face; and for a result
-        that is no face.
+        If six landmarks or more are not among the names, or all lie on one plane; for mirrored
+        data, other units than millimetres, exchanged sides, names in another order, or landmarks
+        far from where the others put them, by name; for a marker more than a metre from the face;
+        and for a result that is no face.
 
     Warns
     -----
@@ -304,7 +311,7 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
         )
     names = tuple(n for n, s in zip(names, seen, strict=True) if s)
     positions = positions[seen]
-    named = {name: i for i, name in enumerate(names)}
+    named = as_landmarks(template.landmarks, {name: i for i, name in enumerate(names)})
     rigid, known, steps = _warped(template, positions, named, preset, "the markers", offset)
     rest = rigid.apply(positions)
     away = np.abs(rest - np.median(rest, axis=0)).max(axis=1)
@@ -363,7 +370,7 @@ def fit_scan(template, scan, landmarks=None, preset="balanced"):
     scan : TriangleMesh
         Millimetres, any frame; need not be in one piece.
     landmarks : sequence of str, optional
-        Names to start from; all that both meshes have if left out.
+        Names to start from; all that both meshes have, in whatever spelling, if left out.
     preset : str, default="balanced"
         One of `PRESETS`.
 
@@ -396,10 +403,11 @@ def fit_scan(template, scan, landmarks=None, preset="balanced"):
     check_scan(scan)
     preset = PRESETS[check_choice(preset, "preset", tuple(PRESETS))]
     chosen = tuple(scan.landmarks) if landmarks is None else check_names(landmarks)
-    unknown = [n for n in chosen if n not in scan.landmarks]
+    of_scan = as_landmarks(chosen, scan.landmarks)
+    unknown = [n for n in chosen if n not in of_scan]
     if unknown:
         raise ValueError(f"landmarks names {', '.join(unknown)}, which the scan does not have.")
-    named = {n: scan.landmarks[n] for n in chosen}
+    named = as_landmarks(template.landmarks, {n: of_scan[n] for n in chosen})
     rigid, known, steps = _warped(
         template, scan.vertices, named, preset, "the scan's landmarks", normals=scan.normals
     )

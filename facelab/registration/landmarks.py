@@ -25,6 +25,7 @@ _STRAIN, _JAW = 0.1, 15.0  # of the face as a whole; mm that a jaw or a lower li
 _STRAINED = 2.0  # standard deviations; right ones stay below 0.9, a mirrored face has 6
 _ROUGH = 1.6  # energy; right ones stay below 0.8, mouth and lips exchanged together have 2.3
 _SWAPPED = 12.0  # log odds for two names exchanged; right ones stay below 2
+_THIN = 1.5  # mm RMS off a plane; those of the middle line have 0, those of both brows alone 1.9
 _MOST_GROUPS = 7  # all ways of exchanging the sides of more would take seconds
 
 
@@ -180,6 +181,25 @@ def check_landmarks(source, target, names, label, normals=None, known=None):
     said = _sides(among, target, names, normals, known) or _order(among, target, names)
     said = said or _few(among, target, names, judged) or _nothing(judged, names)
     raise ValueError(f"{label}: {said}")
+
+
+def check_spread(source, names, label):
+    """Refuse landmarks that lie on one plane, for how wide a face is across it they do not say.
+
+    Parameters
+    ----------
+    source, names, label
+        As for `check_landmarks`.
+    """
+    off = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(source))
+    if off < _THIN:
+        shown = ", ".join(names[:8]) + ", ..." * (len(names) > 8)
+        raise ValueError(
+            f"{label} that are known here ({shown}) lie on one plane, {off:.1f} mm off it on "
+            "average, as those of the middle line do: how the face goes across it stays open. Add "
+            "landmarks on both sides, such as mouth_corner_left and _right, or look whether those "
+            "of the sides are named as in facelab.geometry.MULTI_PIE."
+        )
 
 
 def _spread(points):

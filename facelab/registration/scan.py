@@ -2,12 +2,12 @@
 
 import warnings
 
-import igl
 import numpy as np
 
 from facelab.checks import check_type
 from facelab.geometry.closest import closest_points
 from facelab.geometry.mesh import TriangleMesh
+from facelab.geometry.winding import agreement, share_of, turned_over, wound_inwards
 from facelab.registration.warp import rows
 
 _SCRAP = 0.02  # of the area of the largest piece; an eyeball has more
@@ -34,14 +34,11 @@ def check_template(template):
             f"template: its landmarks {', '.join(off[:6])}{', ...' * (len(off) > 6)} are vertices "
             "of no triangle, so they have no normal; give landmarks on the surface."
         )
-    V = template.vertices[template.faces]
-    area = np.cross(V[:, 1] - V[:, 0], V[:, 2] - V[:, 0])
-    out = (area * (V.mean(axis=1) - template.vertices[held].mean(axis=0))).sum(axis=1)
-    if out.sum() < -0.3 * np.abs(out).sum():
+    inwards = wound_inwards(template)
+    if inwards.any():
         raise ValueError(
-            "template: its triangles are wound inwards, so that the normals point into the head. "
-            "Turn them over: TriangleMesh(template.vertices, template.faces[:, ::-1], "
-            "template.landmarks)."
+            f"template: {share_of(template, inwards)} are wound inwards, so that the normals point "
+            "into the head. Turn them over in the file, or with facelab.geometry.outwards."
         )
     index = _joined(template)
     closed = len(_border(template.faces)) - len(_border(index[template.faces]))
@@ -114,7 +111,28 @@ def without_scraps(scan, marks):
 def wound_outwards(scan, face):
     """The scan with its triangles wound as those of a face that lies on it, with a word.
 
-    Neighbours are made to agree first, then each piece is turned over whose nearby part faces
+    Parameters and answer as of `turned_from`, but for the scan itself.
+
+    Warns
+    -----
+    UserWarning
+        If anything was turned over.
+    """
+    turned = turned_from(scan, face)
+    if turned.any():
+        warnings.warn(
+            f"scan: {share_of(scan, turned)} are wound inwards, so that the normals point into the "
+            "head; they are turned over here. Turn them over in the file, or export it with "
+            "outward normals.",
+            stacklevel=3,
+        )
+    return turned_over(scan, turned)
+
+
+def turned_from(scan, face):
+    """Which triangles of a scan are wound otherwise than those of a face that lies on it.
+
+    Neighbours are made to agree first, then each patch is turned over whose nearby part faces
     against the face.
 
     Parameters
@@ -125,21 +143,9 @@ def wound_outwards(scan, face):
 
     Returns
     -------
-    TriangleMesh
-
-    Warns
-    -----
-    UserWarning
-        If anything was turned over.
+    ndarray of bool, shape (n_faces,)
     """
-    corners = _joined(scan)[scan.faces]
-    real = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
-    agreed, patch = igl.bfs_orient(np.ascontiguousarray(corners[real]))
-    turned = np.zeros(len(scan.faces), dtype=bool)
-    # the first corner stays or moves, the sense of going round tells
-    first = (agreed == corners[real][:, :1]).argmax(axis=1)
-    following = np.take_along_axis(agreed, ((first + 1) % 3)[:, None], axis=1)[:, 0]
-    turned[real] = following != corners[real][:, 1]
+    turned, patch = agreement(scan)
     V = scan.vertices[scan.faces]
     cross = np.cross(V[:, 1] - V[:, 0], V[:, 2] - V[:, 0])
     cross[turned] *= -1
@@ -149,29 +155,14 @@ def wound_outwards(scan, face):
     near = np.linalg.norm(B @ face.vertices - middle, axis=1) < _NEAR
     along = (cross * (B @ face.normals)).sum(axis=1)  # area that faces as the face does
     size = np.linalg.norm(cross, axis=1)
-    label = np.full(len(scan.faces), -1)
-    label[real] = patch
-    n = int(patch.max()) + 1 if len(patch) else 0
-    told = near & (label >= 0) & (np.abs(along) > 0.3 * size)
-    both = np.bincount(label[told], size[told], minlength=n)
-    against = np.bincount(label[told], size[told] * (along[told] < 0), minlength=n)
-    # pieces too far away to tell go with the most
+    n = int(patch.max()) + 1
+    told = near & (patch >= 0) & (np.abs(along) > 0.3 * size)
+    both = np.bincount(patch[told], size[told], minlength=n)
+    against = np.bincount(patch[told], size[told] * (along[told] < 0), minlength=n)
+    # patches too far away to tell go with the most
     most = against.sum() > _OPPOSED * both.sum()
     over = np.where(both > 0, against > _OPPOSED * both, most)
-    turned ^= (label >= 0) & over[np.maximum(label, 0)]
-    if not turned.any():
-        return scan
-    share = scan.face_areas[turned].sum() / scan.face_areas.sum()
-    what = "all its triangles" if share > 0.99 else f"{int(turned.sum())} of its triangles"
-    warnings.warn(
-        f"scan: {what} ({100 * share:.3g} % of the area) are wound inwards, so that the normals "
-        "point into the head; they are turned over here. Turn them over in the file, or export "
-        "it with outward normals.",
-        stacklevel=3,
-    )
-    faces = scan.faces.copy()
-    faces[turned] = faces[turned][:, ::-1]
-    return TriangleMesh(scan.vertices, faces, scan.landmarks)
+    return turned ^ ((patch >= 0) & np.append(over, False)[patch])
 
 
 def on_border(scan):

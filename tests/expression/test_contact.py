@@ -127,6 +127,26 @@ def test_lips_of_carried_faces_cross_less_and_no_sheet_folds_more(carried):
     assert before > 50 and after < 0.2 * before
 
 
+def test_lips_wound_inwards_are_held_off_each_other_alike(carried):
+    space, poses = carried
+    mesh = space.target
+    low = mesh.vertices[mesh.faces].mean(axis=1)[:, 1:2] < -60
+    faces = np.where(low, mesh.faces[:, ::-1], mesh.faces)
+    with pytest.warns(UserWarning, match=r"mesh: .* wound inwards"):
+        wrong = Contact(TriangleMesh(mesh.vertices, faces, mesh.landmarks))
+    here, there = (contact.off(poses[-1]) for contact in (Contact(mesh), wrong))
+    np.testing.assert_allclose(there, here, atol=1e-9)
+    assert (here != poses[-1]).any()
+
+
+def test_lips_are_known_by_landmarks_in_any_spelling(carried):
+    mesh = carried[0].target
+    marks = {n.upper(): v for n, v in mesh.landmarks.items()}
+    assert set(Contact(TriangleMesh(mesh.vertices, mesh.faces, marks)).slits) == set(
+        Contact(mesh).slits
+    )
+
+
 def test_contact_is_off_unless_asked_for(carried):
     space, faces = carried
     plain = IntermediateSpace(space.source, space.target)

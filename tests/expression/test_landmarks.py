@@ -2,6 +2,7 @@ import os
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from shapes import sphere_mesh
 
 from data_synth.action_units import actor_rig
@@ -60,12 +61,27 @@ def test_a_head_in_another_frame_is_refused_with_how_it_stands(actor, turned, wo
         guess_landmarks(BlendshapeRig(mesh, actor.names, actor.deltas @ R))
 
 
-def test_a_head_tilted_by_twenty_degrees_is_still_guessed(actor):
-    c, s = np.cos(0.35), np.sin(0.35)
-    R = np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
-    mesh = TriangleMesh(actor.neutral.vertices @ R, actor.neutral.faces, actor.neutral.landmarks)
+@pytest.mark.parametrize("turn", [(-30, 0, 0), (35, 0, 0), (0, 40, 0), (0, 0, -35), (20, -25, 15)])
+def test_a_head_tilted_or_turned_is_guessed_as_one_held_straight(actor, turn):
+    R = Rotation.from_euler("xyz", turn, degrees=True).as_matrix().T
+    mesh = TriangleMesh(actor.neutral.vertices @ R, actor.neutral.faces)
     rig = BlendshapeRig(mesh, actor.names, actor.deltas @ R)
-    assert max(off(rig, guess_landmarks(rig)).values()) < 12  # the chin
+    there, right = (actor.neutral.vertices[list(guess_landmarks(r).values())] for r in (rig, actor))
+    # what lies beside the middle has a twin on the other side
+    np.testing.assert_allclose(np.abs(there), np.abs(right), atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["all", "left half", "lower face", "a tenth"])
+def test_triangles_wound_inwards_are_turned_over_for_it_with_a_word(actor, kind):
+    mesh = actor.neutral
+    x, y, _ = mesh.vertices[mesh.faces].mean(axis=1).T
+    chance = np.random.default_rng(1).random(len(x))
+    which = {"all": x < np.inf, "left half": x > 0, "lower face": y < -20, "a tenth": chance < 0.1}
+    faces = np.where(which[kind][:, None], mesh.faces[:, ::-1], mesh.faces)
+    wrong = BlendshapeRig(TriangleMesh(mesh.vertices, faces), actor.names, actor.deltas)
+    with pytest.warns(UserWarning, match="rig: .* wound inwards"):
+        found = guess_landmarks(wrong)
+    assert found == guess_landmarks(actor)
 
 
 @pytest.mark.real

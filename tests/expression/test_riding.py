@@ -258,6 +258,16 @@ def test_a_finer_or_coarser_mesh_of_the_same_head_moves_alike(source, head):
         assert np.sqrt((off**2).mean()) < 0.05 * np.linalg.norm(d, axis=1).max()
 
 
+def test_a_seam_is_closed_though_one_side_of_it_is_wound_inwards(bare):
+    left = bare.vertices[bare.faces].mean(axis=1)[:, :1] > 0
+    cut = np.where(left, bare.faces + bare.n_vertices, bare.faces)
+    whole = closed(TriangleMesh(np.vstack([bare.vertices] * 2), cut))[0]
+    wrong = closed(TriangleMesh(np.vstack([bare.vertices] * 2), np.where(left, cut[:, ::-1], cut)))[
+        0
+    ]
+    assert whole.pieces.max() == wrong.pieces.max() and whole.n_vertices == wrong.n_vertices
+
+
 def test_two_sides_of_a_sheet_are_no_seam_and_two_of_a_crease_are(grid):
     n = grid.n_vertices
     back = TriangleMesh(

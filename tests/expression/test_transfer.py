@@ -13,6 +13,7 @@ from facelab.expression.transfer import (
     UnitCarrier,
 )
 from facelab.geometry.mesh import TriangleMesh
+from facelab.rig import BlendshapeRig
 
 TURN = Rotation.from_euler("xyz", [10, -35, 5], degrees=True).as_matrix()
 SHIFT = np.array([12.0, -40.0, 7.0])
@@ -199,6 +200,51 @@ def test_a_target_in_another_frame_gets_the_same_expression_there(actors, space)
     np.testing.assert_allclose(
         other.to_template(moved.vertices), other.rig.neutral.vertices, atol=1e-9
     )
+
+
+@pytest.mark.parametrize("kind", ["all", "lower face", "left half", "a few", "cut and half"])
+def test_a_target_wound_inwards_gets_the_expressions_of_the_other(actors, space, kind):
+    target = space.target
+    x, y, _ = target.vertices[target.faces].mean(axis=1).T
+    which = {
+        "all": y < np.inf,
+        "lower face": y < -40,
+        "left half": x > 0,
+        "a few": np.random.default_rng(0).random(len(x)) < 0.05,
+        "cut and half": x > 0,
+    }[kind]
+    V, F = target.vertices, target.faces.copy()
+    F[which] = F[which][:, ::-1]
+    if kind == "cut and half":  # a seam of the texture between the halves
+        V = np.vstack([V, V])
+        F[which] += target.n_vertices
+    with pytest.warns(UserWarning, match="wound inwards"):
+        other = IntermediateSpace(space.source, TriangleMesh(V, F, target.landmarks))
+    for unit in ("AU27", "AU12L", "AU45L"):
+        here = space.to_target(space.rig.shape({unit: 1}))
+        there = other.to_target(other.rig.shape({unit: 1}))
+        assert (
+            np.linalg.norm(there[: len(here)] - here, axis=1)[np.unique(F[~which])].max(initial=0)
+            < 0.05
+        )
+        if kind != "cut and half":
+            np.testing.assert_allclose(other.to_template(here), space.to_template(here), atol=0.05)
+    assert other.target.faces.tolist() == F.tolist()
+
+
+def test_a_source_wound_inwards_is_turned_with_a_word(actors, space):
+    mesh = space.source.neutral
+    faces = np.where(
+        mesh.vertices[mesh.faces].mean(axis=1)[:, :1] > 0, mesh.faces[:, ::-1], mesh.faces
+    )
+    source = BlendshapeRig(
+        TriangleMesh(mesh.vertices, faces, mesh.landmarks), space.source.names, space.source.deltas
+    )
+    with pytest.warns(UserWarning, match="source: .* of its triangles"):
+        other = IntermediateSpace(source, space.target, register=True)
+    assert other.rig.neutral.faces.tolist() == faces.tolist()
+    here = space.to_target(space.rig.shape({"AU27": 1}))
+    np.testing.assert_allclose(other.to_target(other.rig.shape({"AU27": 1})), here, atol=0.05)
 
 
 def test_without_registration_the_target_is_the_template(actors):

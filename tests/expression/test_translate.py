@@ -1,5 +1,6 @@
 import doctest
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -187,6 +188,51 @@ def test_the_same_face_is_the_template_whichever_is_named_first(actors):
     assert repr(a).startswith("Translator(40 shapes to 40")
 
 
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("kind", ["left half", "lower face", "a tenth"])
+def test_a_rig_wound_inwards_in_part_gives_the_weights_of_the_other(actors, kind, side):
+    def wrong(rig):
+        mesh = rig.neutral
+        x, y, _ = mesh.vertices[mesh.faces].mean(axis=1).T
+        chance = np.random.default_rng(1).random(len(x))
+        which = {"left half": x > 0, "lower face": y < -20, "a tenth": chance < 0.1}[kind]
+        faces = np.where(which[:, None], mesh.faces[:, ::-1], mesh.faces)
+        return BlendshapeRig(
+            TriangleMesh(mesh.vertices, faces, mesh.landmarks), rig.names, rig.deltas
+        )
+
+    take = take_of(actors[0], 5)
+    pair = [wrong(rig) if i == side else rig for i, rig in enumerate(actors)]
+    with pytest.warns(UserWarning, match=r"^(rig|other|scan): .* wound inwards"):
+        to = translate(take, *pair)
+    np.testing.assert_allclose(to.weights, translate(take, *actors).weights, atol=0.01)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_how_much_of_the_motion_is_compared_is_said(actors, way):
+    one, two = actors
+    left = two.neutral.vertices[:, 0] > -8
+    half = BlendshapeRig(two.neutral.submesh(left), two.names, two.deltas[:, left])
+    pair = (one, half)[::way]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the fit
+        there = Translator(*pair)
+    names = list(one.names)
+    right, jaw = np.eye(40)[[names.index("AU12R")]], np.eye(40)[[names.index("AU27")]]
+    if way == 1:
+        assert there.compared(right) < 0.2 and 0.3 < there.compared(jaw) < 0.8
+        with pytest.warns(UserWarning, match="of what the take moves lies where both rigs have"):
+            report = there.translate(WeightSequence(right, names, 30)).report
+        assert f"{100 * there.compared(right):.0f} % of this motion lies there" in str(report)
+    else:  # what the half moves, the whole has
+        assert there.compared(jaw) > 0.9
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert Translator(one, two).translate(WeightSequence(jaw, names, 30)).report.compared > 0.95
+        same = translate(WeightSequence(jaw, names, 30), one, one.renamed({"AU27": "A"}))
+    assert same.report.compared == 1 and "Compared" not in str(same.report)
+
+
 def test_what_is_no_rig_or_take_is_refused(rig):
     with pytest.raises(TypeError, match=r"other is a TriangleMesh.*BlendshapeRig"):
         Translator(rig, rig.neutral)
@@ -207,9 +253,14 @@ def test_heads_that_stand_otherwise_are_refused(actors):
     rig, other = actors
     turn = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]).T  # z up
     mesh = TriangleMesh(other.neutral.vertices @ turn, other.neutral.faces, other.neutral.landmarks)
-    lying = BlendshapeRig(mesh, other.names, other.deltas @ turn)
-    with pytest.raises(ValueError, match=r"other is turned by (8\d|9\d) degrees .* about \(1\.0, "):
-        Translator(rig, lying)
+    for marks in (mesh.landmarks, {n.upper(): v for n, v in mesh.landmarks.items()}):
+        lying = BlendshapeRig(
+            TriangleMesh(mesh.vertices, mesh.faces, marks), other.names, other.deltas @ turn
+        )
+        with pytest.raises(
+            ValueError, match=r"other is turned by (8\d|9\d) degrees .* about \(1\.0, "
+        ):
+            Translator(rig, lying)
 
 
 @pytest.mark.parametrize("still", ["rig", "other"])

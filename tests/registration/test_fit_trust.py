@@ -212,6 +212,55 @@ def test_what_is_no_mesh_is_refused(template, scan):
         fit_scan(template, flat)
 
 
+def spelled(name, how):
+    sided = name.replace("left", "L").replace("right", "R")
+    return {"caps": name.upper(), "sides": sided, "prefix": f"Actor1:{sided}"}[how]
+
+
+@pytest.mark.parametrize("how", ["caps", "sides", "prefix"])
+def test_names_of_landmarks_are_known_in_any_spelling(template, scan, how):
+    marks = {spelled(n, how): v for n, v in scan.landmarks.items()}
+    fit = fit_scan(template, TriangleMesh(scan.vertices, scan.faces, marks))
+    right = fit_scan(template, scan)
+    assert fit.landmarks == right.landmarks == tuple(MULTI_PIE)
+    np.testing.assert_allclose(fit.mesh.vertices, right.mesh.vertices, atol=1e-9)
+    some = [spelled(n, how) for n in MULTI_PIE[::3]]
+    given = fit_scan(template, scan, landmarks=some)
+    assert given.landmarks == tuple(MULTI_PIE[::3])
+    names = [*map(spelled, MULTI_PIE, [how] * 68), "ghost"]
+    points = np.vstack([places(scan), places(scan)[:1] + [0, 0, 200]])
+    fit = fit_markers(template, points, names)
+    assert fit.landmarks == tuple(MULTI_PIE) and fit.names == tuple(names)
+    assert fit.used.tolist() == [True] * 68 + [False]
+    right = fit_markers(template, points, [*MULTI_PIE, "ghost"])
+    np.testing.assert_allclose(fit.mesh.vertices, right.mesh.vertices, atol=1e-9)
+    assert fit.report.landmarks == pytest.approx(right.report.landmarks)
+
+
+def test_a_name_without_side_is_no_landmark_of_a_side(template, scan):
+    names = [n.replace("left_", "") if n.startswith("jaw_left") else n for n in MULTI_PIE]
+    fit = fit_markers(template, places(scan), names)
+    assert not any(n.startswith("jaw_left") for n in fit.landmarks) and len(fit.landmarks) == 60
+
+
+def test_two_names_that_read_like_one_landmark_are_refused(template, scan):
+    names = ["CHIN" if n == "chin" else "Chin" if n == "jaw_left_1" else n for n in MULTI_PIE]
+    with pytest.raises(ValueError, match="'CHIN', 'Chin' all read like the landmark 'chin'; give"):
+        fit_markers(template, places(scan), names)
+
+
+@pytest.mark.parametrize("kind", ["markers", "scan"])
+def test_landmarks_of_the_middle_line_alone_are_refused(template, scan, kind):
+    middle = [n for n in MULTI_PIE if other_side(n) == n]
+    with pytest.raises(
+        ValueError, match=r"\(chin, .*\) lie on one plane.*Add .* mouth_corner_left"
+    ):
+        if kind == "scan":
+            fit_scan(template, scan, landmarks=middle)
+        else:
+            fit_markers(template, places(scan, middle), middle)
+
+
 # --- scans ----------------------------------------------------------------------------------------
 
 

@@ -155,8 +155,12 @@ def test_a_template_that_cannot_be_fitted_is_refused(face, take, kind):
     def fit_to(template):
         return fit_markers(template, rest, names) if kind == "markers" else fit_scan(template, face)
 
-    with pytest.raises(ValueError, match="template: its triangles are wound inwards"):
+    with pytest.raises(ValueError, match=r"template: all its triangles .* are wound inwards"):
         fit_to(TriangleMesh(face.vertices, face.faces[:, ::-1], face.landmarks))
+    left = face.vertices[face.faces].mean(axis=1)[:, :1] > 0
+    half = np.where(left, face.faces[:, ::-1], face.faces)
+    with pytest.raises(ValueError, match=r"template: 14\d\d of its triangles .*geometry\.outwards"):
+        fit_to(TriangleMesh(face.vertices, half, face.landmarks))
     low = face.vertices[:, 1] < face.vertices[face.landmarks["nose_tip"], 1]
     with pytest.raises(ValueError, match=r"template: its landmarks .* are vertices of no triangle"):
         fit_to(TriangleMesh(face.vertices, face.faces[low[face.faces].all(axis=1)], face.landmarks))
