@@ -412,3 +412,20 @@ def test_what_is_held_of_a_long_take_is_its_result(fit, take):
     held += found.head.translation.nbytes + found.rejected.nbytes
     assert held < 1.3 * long.nbytes
     assert replace(found, faults=()).rms == pytest.approx(found.rms)
+
+
+def test_a_second_actor_in_the_take_is_left_out_and_said(template, fit, take, clean):
+    room = MarkerSequence(
+        np.concatenate([take.positions, take.positions[::-1] + [500, 0, 0]], axis=1),
+        [*take.names, *(f"{name}_2" for name in take.names)],
+        take.fps,
+    )
+    home = fit.alignment.inverse().apply(fit.rest)
+    names = [*fit.names, *(f"{name}_2" for name in fit.names)]
+    with pytest.warns(UserWarning, match="somebody else"):
+        both = fit_markers(template, np.vstack([home, home + [500, 0, 0]]), names)
+    found = register(both, room)
+    assert len(found.left_out) == len(fit.names)
+    assert f"{len(fit.names)} marker(s) left out as none of the face" in repr(found)
+    assert "left out, as they lie off the face at rest: " in found.report
+    assert np.allclose(found.positions(slice(0, 50)), clean.positions(slice(0, 50)), atol=0.1)
