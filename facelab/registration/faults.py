@@ -20,6 +20,8 @@ _LEARNED = 2048  # frames that the motion of each marker is learned from
 _NO_SKIN = 40.0  # mm from where the others lead it; a chin that opens is 15 mm off
 _LONGEST = 1.0  # s that a marker may stray and still be known by its return
 _LOOK_BACK = 60  # stretches of a track between jumps, that a later one may follow on
+_BESIDE, _ALIKE = 6, 3  # of so many neighbours so many go along where the face itself moves fast
+_ALONG = 0.2  # of a marker's change; what neighbours go less along is chance
 
 
 def runs(mask):
@@ -141,7 +143,9 @@ class StrayJudge:
 
     def __init__(self, layout: MarkerLayout, moved, seen, fps, weights, limit=None):
         self.layout, self.fps, self.weights = layout, fps, weights
-        gap = spacing(layout.fit.rest)
+        rest = layout.fit.rest
+        gap = spacing(rest)
+        self._beside = cKDTree(rest).query(rest, min(_BESIDE + 1, len(rest)))[1][:, 1:]
         self.fixed = limit is not None
         self.limit = np.full(len(gap), limit) if self.fixed else np.maximum(12.0, 1.5 * gap)
         n_frames, n_markers = seen.shape
@@ -258,7 +262,7 @@ class StrayJudge:
             at = np.flatnonzero(seen[:, m])
             starts = np.flatnonzero(cut[at, m])
             unusual = _size(e[at, m] - self._centre[m]) / self._range[m]
-            stray[at, m] = self._left(at, d[at, m], e[at, m], starts, 1 / (1 + unusual**2), m)
+            stray[at, m] = self._left(at, d, e, starts, 1 / (1 + unusual**2), m)
         return stray
 
     def _cuts(self, d, e):
@@ -270,7 +274,28 @@ class StrayJudge:
         both = seen & (before >= 0)
         marker = np.arange(d.shape[1])
         step = np.fmin(_size(d - d[before, marker]), _size(e - e[before, marker]))
-        return both & (step > _SURE * self.step * np.sqrt(frame - before))
+        most = _SURE * self.step * np.sqrt(frame - before)
+        cut = both & (step > most)
+        for m in np.flatnonzero(cut.any(axis=0)):
+            at = np.flatnonzero(cut[:, m])
+            cut[at, m] = self._alone(d, e, before[at, m], at, m) > most[at, m]
+        return cut
+
+    def _alone(self, d, e, since, to, marker):
+        """How far a marker went between frames where the others did not lead it, mm.
+
+        A lip outruns a jaw that snaps open, for the layout is smooth, but goes the way of its
+        neighbours; a stray one goes alone. One or two neighbours may be strays, too.
+        """
+        own, apart = d[to, marker] - d[since, marker], e[to, marker] - e[since, marker]
+        size = _size(own)
+        way = own / np.maximum(size, 1e-12)[:, None]
+        led = ((own - apart) * way).sum(axis=1)
+        beside = self._beside[marker]
+        along = np.einsum("fmx,fx->fm", d[to][:, beside] - d[since][:, beside], way)
+        along = np.sort(np.nan_to_num(along), axis=1)[:, -min(_ALIKE, len(beside))]
+        common = np.minimum(led, along)
+        return np.fmin(size, _size(apart) - np.where(common > _ALONG * size, common, 0))
 
     def _never_home(self, moved, rounds=4):
         """Stretches of tracks that never are within the limit, or leave it for far: mask.
@@ -332,7 +357,7 @@ class StrayJudge:
         for s in range(1, len(starts)):
             p = np.arange(max(0, s - _LOOK_BACK), s)
             ends, here = stops[p], starts[s]
-            step = np.minimum(_size(d[here] - d[ends]), _size(e[here] - e[ends]))
+            step = self._alone(d, e, at[ends], at[[here]], marker)
             step /= self.step[marker] * np.sqrt(at[here] - at[ends])
             jump = np.clip((step - _SURE) / (1 - _SURE), 0, 1)
             total = best[p] + cost[s] - cost[p + 1] + broken * jump

@@ -34,11 +34,12 @@ from facelab.registration.scan import (
     without_scraps,
     wound_outwards,
 )
+from facelab.registration.strangers import FACE, check_told, off_face, say_left_out
 from facelab.registration.warp import GLUED, PRESETS, SEEN, Preset, relaxed, rows, sliding
 
 _NEEDED = 6  # landmarks, for a warp in three directions that is not exact by chance
-_ELSEWHERE = 1000.0  # mm; what lies farther off is no marker of a face
 _GHOST = 3.0  # mm; a marker nearer to the surface is believed in any case
+_SLACKS = 8.0  # times what a stage lets pass, beyond which no crowd of markers is believed
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,6 +129,8 @@ class MarkerFit(Fit):
         Height of a marker's centre over the skin, millimetres.
     prior : Prior, optional
         What fills the face between the markers, beside smoothness: see `with_prior`.
+    left_out : dict of str to float
+        Markers that are none of the face, and how far they lie off it, millimetres.
     """
 
     names: tuple = ()
@@ -136,6 +139,7 @@ class MarkerFit(Fit):
     weights: np.ndarray = field(default=None, repr=False)
     offset: float = 1.5
     prior: Prior | None = field(default=None, repr=False)
+    left_out: dict = field(default_factory=dict, repr=False)
 
     @cached_property
     def _as_landmarks(self):
@@ -146,7 +150,7 @@ class MarkerFit(Fit):
     def used(self):
         """Which markers the fit believed, not taking them for ghosts: bool, (n_markers,)."""
         held = np.isin(self._as_landmarks, self.landmarks)
-        return held | (self.residuals <= max(6 * np.median(self.residuals), _GHOST))
+        return held | (self.residuals <= _believed(self.residuals, self.preset.stages[-1]))
 
     @cached_property
     def report(self):
@@ -155,9 +159,9 @@ class MarkerFit(Fit):
         off = self._landmarks_off(self.rest[[row[n] for n in self.landmarks]], self.offset)
         feet = rows(self.mesh, self.faces, self.weights) @ self.mesh.vertices
         drawn = near_markers(self.mesh, feet[self.used])
-        return made_report(
-            self.mesh, self._before, self.residuals, self.used, drawn, off, "markers"
-        )
+        apart = np.append(self.residuals, list(self.left_out.values()))
+        used = np.append(self.used, np.zeros(len(self.left_out), dtype=bool))
+        return made_report(self.mesh, self._before, apart, used, drawn, off, "markers")
 
     @cached_property
     def layout(self):
@@ -200,6 +204,11 @@ class MarkerFit(Fit):
         (153, 153)
         """
         return replace(self, prior=made_prior(self.mesh, models, binding, share, mirror))
+
+
+def _believed(off, slack):
+    """How far off the surface a marker may lie and be believed, given how far all of them do."""
+    return max(min(6 * np.median(np.abs(off)), _SLACKS * slack), _GHOST)
 
 
 def _warped(template, positions, named, preset, label, height=0.0, normals=None):
@@ -249,6 +258,9 @@ def _warped(template, positions, named, preset, label, height=0.0, normals=None)
 def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
     """Fit a template to the markers of a face at rest.
 
+    Markers that lie more than 35 mm off the face that the landmarks show are of somebody else, a
+    body or a cap: they are left out, see `MarkerFit.left_out`.
+
     Parameters
     ----------
     template : TriangleMesh
@@ -271,13 +283,14 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
     ValueError
         If six landmarks or more are not among the names, or all lie on one plane; for mirrored
         data, other units than millimetres, exchanged sides, names in another order, or landmarks
-        far from where the others put them, by name; for a marker more than a metre from the face;
-        and for a result that is no face.
+        far from where the others put them, by name; if a third of the other markers lie off the
+        face, but too near to tell whose they are; and for a result that is no face.
 
     Warns
     -----
     UserWarning
-        For a landmark rather far from where the others put it, and for a surface that folds.
+        For a landmark rather far from where the others put it, for markers that are left out, and
+        for a surface that folds.
 
     Examples
     --------
@@ -314,13 +327,15 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
     named = as_landmarks(template.landmarks, {name: i for i, name in enumerate(names)})
     rigid, known, steps = _warped(template, positions, named, preset, "the markers", offset)
     rest = rigid.apply(positions)
-    away = np.abs(rest - np.median(rest, axis=0)).max(axis=1)
-    if away.max() > _ELSEWHERE:
-        shown = [f"{names[i]} ({away[i]:.3g} mm)" for i in np.flatnonzero(away > _ELSEWHERE)]
-        raise ValueError(
-            f"the markers: {', '.join(shown)} lie(s) more than a metre from the face; leave it "
-            "out, or mark it as not seen (NaN)."
-        )
+    off = off_face([template.with_vertices(V) for V in steps.values()], rest)
+    stays = (off <= FACE) | np.isin(list(named), known)
+    left_out = {names[i]: float(off[i]) for i in np.flatnonzero(~stays)}
+    if left_out:
+        say_left_out(left_out, len(names))
+        names = tuple(n for n in names if n not in left_out)
+        rest = rest[stays]
+        kept = [name for name, stay in zip(named, stays, strict=True) if stay]
+        named = {name: i for i, name in enumerate(kept)}
     fixed = np.array([named[name] for name in known])
     free = np.setdiff1d(np.arange(len(names)), fixed)
     star = [np.flatnonzero((template.faces == template.landmarks[n]).any(axis=1)) for n in known]
@@ -341,8 +356,7 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
         B, foot, normal, gap = sliding(mesh, faces, weights, rest, offset)
         share = np.ones(len(rest))
         if len(free):  # far off the surface, as a ghost at rest would be
-            off = gap[free]
-            share[free] = 1 / (1 + (off / max(6 * np.median(np.abs(off)), _GHOST)) ** 2) ** 2
+            share[free] = 1 / (1 + (gap[free] / _believed(gap[free], slack)) ** 2) ** 2
         target = np.vstack([foot + gap[:, None] * normal, rest[fixed] - offset * normal[fixed]])
         return sp.vstack([B, marks]), target, np.append(share / slack**2, pull)
 
@@ -353,7 +367,12 @@ def fit_markers(template, positions, names, offset=1.5, preset="balanced"):
     _, foot, normal, _ = sliding(mesh, faces, weights, rest, offset)
     left = np.linalg.norm(foot + offset * normal - rest, axis=1)
     check_surface(mesh, template.with_vertices(steps["similarity"]), "the markers")
-    return MarkerFit(mesh, rigid, steps, known, left, preset, names, rest, faces, weights, offset)
+    fit = MarkerFit(
+        mesh, rigid, steps, known, left, preset, names, rest, faces, weights, offset,
+        left_out=left_out,
+    )  # fmt: skip
+    check_told(fit)
+    return fit
 
 
 def fit_scan(template, scan, landmarks=None, preset="balanced"):

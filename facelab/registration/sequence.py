@@ -87,6 +87,9 @@ class Registration:
             thrown = f"{100 * self.share_rejected:.2g} % of the samples thrown away"
         if len(self.rejected):
             thrown += f", the strays {self.rms_rejected:.3g} mm off"
+        if self.left_out:
+            count = len(self.left_out)
+            thrown = f"{count} marker(s) left out as none of the face, of the others {thrown}"
         return (
             f"Registration({len(self.valid)} frames, {int((~self.valid).sum())} lost, "
             f"{len(self.fit.names)} markers; {counts}; rms {self.rms:.2f} mm of what was believed, "
@@ -104,6 +107,9 @@ class Registration:
                 f"not in the take, led by the others: {len(self.missing)} of "
                 f"{len(self.fit.names)} markers ({named})"
             )
+        if self.left_out:
+            named = ", ".join(self.left_out[:6]) + ", ..." * (len(self.left_out) > 6)
+            lines.append(f"left out, as they lie off the face at rest: {named}")
         if frames:
             lines.append(f"frames not believed: {_places(frames, lambda f: f' ({f.reason})')}")
         for kind, said in (("stray", "strayed, not believed"), ("swap", "exchanged, put back")):
@@ -114,6 +120,12 @@ class Registration:
             for names, faults in found.items():
                 lines.append(f"{' and '.join(names)} {said}: frame {_places(faults)}")
         return "\n".join(lines)
+
+    @cached_property
+    def left_out(self):
+        """Markers of the take that the fit left out as none of the face: tuple of str."""
+        ghosts = {f.names[0] for f in self.faults if f.kind == "ghost"}
+        return tuple(n for n in self.fit.left_out if n in ghosts)
 
     @cached_property
     def _left(self):

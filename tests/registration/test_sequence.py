@@ -412,3 +412,47 @@ def test_what_is_held_of_a_long_take_is_its_result(fit, take):
     held += found.head.translation.nbytes + found.rejected.nbytes
     assert held < 1.3 * long.nbytes
     assert replace(found, faults=()).rms == pytest.approx(found.rms)
+
+
+def test_a_second_actor_in_the_take_is_left_out_and_said(template, fit, take, clean):
+    room = MarkerSequence(
+        np.concatenate([take.positions, take.positions[::-1] + [500, 0, 0]], axis=1),
+        [*take.names, *(f"{name}_2" for name in take.names)],
+        take.fps,
+    )
+    home = fit.alignment.inverse().apply(fit.rest)
+    names = [*fit.names, *(f"{name}_2" for name in fit.names)]
+    with pytest.warns(UserWarning, match="somebody else"):
+        both = fit_markers(template, np.vstack([home, home + [500, 0, 0]]), names)
+    found = register(both, room)
+    assert len(found.left_out) == len(fit.names)
+    assert f"{len(fit.names)} marker(s) left out as none of the face" in repr(found)
+    assert "left out, as they lie off the face at rest: " in found.report
+    assert np.allclose(found.positions(slice(0, 50)), clean.positions(slice(0, 50)), atol=0.1)
+
+
+@pytest.mark.parametrize(("n_more", "fps", "rise"), [(5, 30, 4), (26, 30, 3), (26, 25, 2)])
+def test_a_jaw_that_snaps_open_at_a_low_rate_loses_no_marker(n_more, fps, rise):
+    """Its lip outruns where the others lead it by more than 3 mm a frame, but goes along."""
+    rig = facelab.load_example().rig
+    face, jaw = rig.neutral, rig.deltas[rig.names.index("jawOpen")]
+    names = [*KEEP, "lip_lower", "eye_left_outer", "eye_right_outer", "nostril_left_outer",
+             "nostril_right_outer"]  # fmt: skip
+    sites = [face.landmarks[n] for n in names]
+    moves = np.flatnonzero((np.linalg.norm(jaw, axis=1) > 1) & (face.normals[:, 2] > 0.2))
+    skin = moves[face.pieces[moves] == face.pieces[sites[0]]]
+    for _ in range(n_more):
+        apart = np.linalg.norm(face.vertices[skin, None] - face.vertices[sites], axis=2)
+        sites.append(int(skin[apart.min(axis=1).argmax()]))
+    names += [f"m{i}" for i in range(n_more)]
+    up = np.linspace(0, 1, rise + 1)[1:]
+    once = np.concatenate([np.zeros(30), up, np.ones(fps // 3), up[::-1], np.zeros(200)])
+    P = face.vertices[sites] + once[:, None, None] * jaw[sites]
+    P += np.random.default_rng(0).normal(0, 0.1, P.shape)
+    take = MarkerSequence(P, names, fps)
+    found = register(fit_markers(face, *rest_markers(take), offset=0), take)
+    assert found.seen.all() and not found.faults
+    lone = P.copy()
+    lone[40:44, names.index("lip_lower")] += [14, 0, 8]  # while the mouth is open
+    found = register(found.fit, MarkerSequence(lone, names, fps))
+    assert [(f.kind, f.names) for f in found.faults] == [("stray", ("lip_lower",))]
