@@ -7,11 +7,11 @@ from pathlib import Path
 import matplotlib
 import matplotlib.image
 import numpy as np
-from matplotlib.colors import to_rgb
 from PIL import Image, ImageDraw, ImageFont
 
 from facelab.geometry.mesh import vertex_normals
 from facelab.looks import Lining, lids_off, shown, turn_eyes
+from facelab.looks.occlusion import skin_colors
 from facelab.looks.raster import rasterise
 from facelab.plotting import SKIN
 
@@ -64,7 +64,7 @@ class Thumbnails:
         """
         lining, vertices = self._lining, lids_off(self._props, vertices)
         if colors is None:
-            colors = np.tile(to_rgb(SKIN), (len(vertices), 1))
+            colors = skin_colors(self._mesh, SKIN, self._props)
         parts = [(vertices, self._mesh.faces, colors, 1.0)]
         parts.append((lining.vertices(vertices), lining.faces, lining.colors, 0.0))
         for prop in turn_eyes(self._props, gaze):
