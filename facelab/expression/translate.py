@@ -47,6 +47,7 @@ _TURNED = np.pi / 6  # of one head against another: more is another frame
 _RIDGE = 1e-5  # of the mean unit: settles what shapes that are mixtures of others leave open
 _NONE = 0.03  # a weight of the map below that is none
 _MADE = 0.5  # a shape of which more than this share is left cannot be made
+_LOST = 0.9  # of the motion, left over: two rigs of faces differ by less
 _WHOLE, _MUCH = 0.995, 0.6  # share of the motion compared: said below the one, warned of the other
 _SEEN = 0.05  # mm RMS: below that a shape moves nothing that could be compared
 
@@ -89,7 +90,7 @@ class TranslationReport:
     compared: float = 1.0
 
     def __str__(self):
-        rms, size = (np.sqrt(np.nanmean(x**2)) for x in (self.errors, self.sizes))
+        rms, size = (_rms(x[np.isfinite(x)]) for x in (self.errors, self.sizes))
         worst = int(np.nanargmax(self.errors))
         lines = [
             f"The face moves {size:.2f} mm RMS, of which {rms:.2f} mm are left; at most "
@@ -289,6 +290,14 @@ class Translator:
                 "alone. Look whether both show the whole face and their landmarks lie right.",
                 stacklevel=4,
             )
+        moved, left = (_rms(x[valid]) for x in (size, errors))
+        if moved > _SEEN and left > _LOST * moved:
+            warnings.warn(
+                f"the take moves the face {moved:.2f} mm RMS, of which {left:.2f} mm are left: the "
+                "weights make next to nothing of it. Look whether the shapes of each rig have "
+                "their vertices in the order of its neutral face, and its landmarks lie right.",
+                stacklevel=4,
+            )
         return TranslationReport(
             errors,
             np.where(valid, size, np.nan),
@@ -433,3 +442,7 @@ def _few_nearest(H, G, own):
     lo, hi = np.zeros(len(H)), np.ones(len(H))
     chosen = solve_bounded_rows(H, G - few**2 / 2, lo, hi) > _NONE
     return np.stack([solve_bounded(H, g, lo, hi * c)[0] for g, c in zip(G, chosen, strict=True)])
+
+
+def _rms(x):
+    return float(np.sqrt((x**2).mean())) if len(x) else 0.0

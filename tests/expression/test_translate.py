@@ -208,6 +208,16 @@ def test_a_rig_wound_inwards_in_part_gives_the_weights_of_the_other(actors, kind
     np.testing.assert_allclose(to.weights, translate(take, *actors).weights, atol=0.01)
 
 
+def test_weights_that_make_next_to_nothing_of_a_take_are_said(actors):
+    one, _ = actors
+    order = np.roll(np.arange(one.neutral.n_vertices), 1)  # of the vertices of all its shapes
+    other = BlendshapeRig(one.neutral, one.names, -one.deltas[:, order])
+    smile = WeightSequence(np.eye(40)[[one.names.index("AU12R")]], one.names, 30)
+    with pytest.warns(UserWarning, match="make next to nothing of it"):
+        report = translate(smile, one, other).report
+    assert report.errors[0] > 0.9 * report.sizes[0]
+
+
 @pytest.mark.parametrize("way", [1, -1])
 def test_how_much_of_the_motion_is_compared_is_said(actors, way):
     one, two = actors
