@@ -11,7 +11,7 @@ from facelab.geometry.closest import closest_points
 from facelab.geometry.jaw import Jaw
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.geometry.size import longest_side
-from facelab.geometry.welding import alike, numbered, rejoined, same_place
+from facelab.geometry.welding import alike, numbered, rejoined, same_place, shrunk
 from facelab.geometry.winding import agreement, turned_over
 from facelab.names import as_landmarks
 from facelab.numeric.sparse import SparseFactor
@@ -24,7 +24,9 @@ _CORNER = 10.0  # mm: a fold so short is a corner of the mouth
 _FACE = 100.0  # mm: a piece with landmarks and so long is a face by itself
 _WORN = 0.8  # share of a piece near the skin that is worn on it: lashes, brows
 _ROOT = 2.0  # mm from the skin: where a strip grows from it
-_EDGE = 0.4  # share of its border that does so
+_ON = 0.05  # mm from it: there for certain
+_EDGE = 0.25  # share of its border that is
+_SHARED = 0.4  # share of its border that does so
 _FAR = 12.0  # mm from there to its other edge, less than over the front of an eye
 _JOINT = np.array([0.0, 55.0, -85.0])  # mm from the chin to the joint of the jaw, about
 
@@ -69,9 +71,31 @@ def closed(mesh):
     index = alike(place, [turned.normals], 1.0)
     if len(V) == 3 * len(mesh.faces):  # loose triangles, as STL files have them
         index = _along_edges(turned, place, index)
+    index = _without_strips(mesh, index)
     kept = np.unique(index, return_index=True)[1]
     marks = {name: int(index[v]) for name, v in marks.items()}
     return TriangleMesh(V[kept], rejoined(mesh.faces, index), marks), index
+
+
+def _without_strips(mesh, index):
+    """Groups of vertices, but pieces that stand on a surface are not joined to it.
+
+    A seam is of edges, and an edge has two triangles; where joining gives it more, as at the roots
+    of lashes on a lid, the smaller pieces stand on it.
+    """
+    faces, piece = mesh.faces[~shrunk(mesh.faces, index)], mesh.pieces
+    F, size = index[faces], np.bincount(piece)
+    ends = np.sort(np.stack([F.T.ravel(), np.roll(F, -1, axis=1).T.ravel()]), axis=0)
+    edge, owner = ends.T @ [F.max() + 1, 1], np.tile(piece[faces[:, 0]], 3)
+    order = np.lexsort((owner, -size[owner], edge))
+    edge, owner = edge[order], owner[order]
+    place = np.arange(len(edge)) - np.searchsorted(edge, edge)  # among the triangles of its edge
+    third = (place > 1) & (owner != owner[np.searchsorted(edge, edge)])
+    shared = (edge[1:] == edge[:-1]) & (owner[1:] != owner[:-1])
+    seams = np.union1d(owner[1:][shared], owner[:-1][shared])
+    strips = np.union1d(owner[third], np.setdiff1d(owner, seams))
+    apart = np.where(np.isin(piece, strips), piece + 1, 0)
+    return np.unique(np.stack([index, apart], axis=1), axis=0, return_inverse=True)[1].ravel()
 
 
 def _along_edges(mesh, place, index):
@@ -192,7 +216,14 @@ class Rider:
         skin = self._body.submesh(self._own)
         faces, weights = closest_points(skin, V)
         foot = (weights[..., None] * skin.vertices[skin.faces[faces]]).sum(axis=1)
-        if not _is_ball(V) and (np.linalg.norm(foot - V, axis=1) < far).mean() > _WORN:
+        away = np.linalg.norm(foot - V, axis=1)
+        edge = self._attached(piece, away)
+        if edge.size:
+            root, nearest = bind_to_surface(skin, V[edge]), cKDTree(V[edge]).query(V)[1]
+            return piece, lambda X, _, head: X + (root.carry(head[self._own]) - V[edge])[nearest]
+        facing = (weights * skin.normals[skin.faces[faces]][..., 2]).sum(axis=1)
+        inside = self._behind_lips(V) and np.median(facing) < 0  # on the lining, as front teeth are
+        if not (_is_ball(V) or inside) and (away < far).mean() > _WORN:
             worn = bind_to_surface(skin, V)
             return piece, lambda X, _, head: worn.carry(head[self._own])
         share = self._share_of_jaw(V)
@@ -200,10 +231,6 @@ class Rider:
             rest, chin = self._base.vertices, self._base.landmarks["chin"]
             jaw = Jaw(rest, chin, rest[chin] + _JOINT)
             return piece, lambda X, base, _: X + share * (jaw.motion(base).apply(X) - X)
-        edge = self._attached(piece, np.linalg.norm(foot - V, axis=1))
-        if edge.size:
-            root, nearest = bind_to_surface(skin, V[edge]), cKDTree(V[edge]).query(V)[1]
-            return piece, lambda X, _, head: X + (root.carry(head[self._own]) - V[edge])[nearest]
         return piece, lambda X, *_: X
 
     def _attached(self, piece, away):
@@ -212,10 +239,18 @@ class Rider:
         None behind the lips, where the roots of teeth lie as near to a lining.
         """
         V = self._body.vertices[piece]
+        if not np.isin(self._body.faces[:, 0], piece).any():  # a vertex of no triangle
+            return piece[:0]
         loops = self._body.submesh(piece).boundary_loops
         border = np.unique(np.concatenate(loops)) if loops else np.empty(0, dtype=int)
-        edge = border[away[border] < _ROOT]
-        if len(edge) < max(2, _EDGE * len(border)) or self._behind_lips(V) is not False:
+        on = border[away[border] < _ON]
+        if _EDGE * len(border) < len(on) < len(border):
+            return on if self._behind_lips(V) is False else on[:0]
+        elif away.max(initial=0) > _ROOT:
+            edge = border[away[border] < _ROOT]
+        else:
+            edge = border[:0]
+        if len(edge) < max(2, _SHARED * len(border)) or self._behind_lips(V) is not False:
             return edge[:0]
         far = cKDTree(V[edge]).query(V)[0].max()
         return edge if far < _FAR else edge[:0]

@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from shapes import grid_mesh, sphere_mesh
 
+import facelab
 from data_synth.action_units import actor_rig
 from facelab.expression.riding import Rider, closed, skin_of
 from facelab.expression.transfer import IntermediateSpace
@@ -286,3 +287,34 @@ def test_skin_is_where_the_landmarks_are(furnished):
     skin = skin_of(space.target)
     assert skin[at["skin"]].all() and not skin[at["skin"].stop :].any()
     assert skin_of(TriangleMesh(space.target.vertices, space.target.faces)).all()
+
+
+def test_lashes_whose_roots_are_vertices_of_the_lid_are_not_joined_to_its_skin(bare):
+    lid, n = bare.landmarks["eye_left_upper_outer"], bare.n_vertices
+    inner = np.setdiff1d(np.arange(n), np.concatenate(bare.boundary_loops))
+    edges = bare.edges[np.isin(bare.edges, inner).all(axis=1)]
+    away = np.linalg.norm(bare.vertices[edges].mean(axis=1) - bare.vertices[lid], axis=1)
+    roots = edges[away.argmin()]
+    for ends in (roots, roots[::-1]):  # one of the two faces as the skin does
+        row = bare.vertices[ends]
+        across = np.cross(bare.normals[ends[0]], row[1] - row[0])
+        mesh = joined(bare, strip(row, 3 * across / np.linalg.norm(across)))
+        _, index = closed(mesh)
+        assert not np.isin(index[n:], index[:n]).any()
+
+
+def test_teeth_that_touch_the_inside_of_the_lips_go_with_the_jaw_and_not_with_the_lips(ict_root):
+    narrow, whole = (facelab.load_ict_facekit(ict_root, area) for area in ("narrow", "all"))
+    rider = Rider(narrow.neutral, whole.neutral)
+    teeth = slice(14062, 21451)
+    for unit, most in (("mouthSmile_L", 1.0), ("mouthFunnel", 3.5), ("jawOpen", 15.0)):
+        moved = rider.carry(narrow.neutral.vertices + narrow.deltas[narrow.names.index(unit)])
+        off = moved - whole.neutral.vertices - whole.deltas[whole.names.index(unit)]
+        assert np.linalg.norm(off[teeth], axis=1).max() < most, unit
+
+
+def test_vertices_of_no_triangle_stay_where_they_are(source, bare):
+    V = np.vstack([bare.vertices, bare.vertices[:1] + [[0, 0, 30.0], [0, 200, 0]]])
+    rider = Rider(source.neutral, TriangleMesh(V, bare.faces, bare.landmarks))
+    moved = rider.carry(source.shape({"AU27": 1}))
+    np.testing.assert_allclose(moved[-2:], V[-2:])
