@@ -12,6 +12,7 @@ import numpy as np
 
 from facelab.checks import check_number
 from facelab.files.takes.timecodes import LONGEST_FILL, Timing, timing
+from facelab.files.words import listed
 from facelab.motion import WeightSequence
 from facelab.names import ANGLES, ARKIT
 
@@ -154,7 +155,8 @@ def as_take(found, fps=None, scale=None, repeats="kept", stacklevel=3):
     if is_angle.all():
         raise ValueError(
             f"{found.path}: no column of weights; its columns are "
-            f"{', '.join([*found.names, *found.others]) or 'none'}."
+            f"{listed([*found.names, *found.others]) or 'none'}. If some of them are, name them: "
+            "names=[...]."
         )
     face = ~np.isnan(found.values).all(axis=1)
     if not face.any():

@@ -1,0 +1,67 @@
+import json
+
+import pytest
+
+from facelab.files.takes import read_weights
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read a table of text, or JSON of a column for each name."""
+
+    def read(content, name="w.csv", **options):
+        path = tmp_path / name
+        text = content if isinstance(content, str) else json.dumps(content)
+        path.write_text(text, encoding="utf-8")
+        return read_weights(path, **options)
+
+    return read
+
+
+def columns(*names):
+    """A column for each name, its own values each."""
+    return {name: [0.1 + 0.01 * k, 0.2 + 0.01 * k] for k, name in enumerate(names)}
+
+
+def text(table, sep=","):
+    rows = zip(*table.values(), strict=True)
+    return "".join(sep.join(map(str, row)) + "\n" for row in [table, *rows])
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("confidence", "Success", "quality", "face_confidence", "trackingQuality", "score"),
+        *("head_rx", "head_tz", "headRotX", "Head Position Y", "rot_x", "TX", "head:rotation.x"),
+        *("yaw", "neckYaw", "gaze_x", "pose_Rx", "jaw_rotX", "posX", "HeadRotation"),
+    ],
+)
+@pytest.mark.parametrize("form", ["csv", "json"])
+def test_what_is_no_weight_by_its_name_is_kept_apart_with_a_word(read, name, form):
+    table = columns("smile_L", "mouthRoll", name)
+    with pytest.warns(UserWarning, match=f"no weights, kept apart in others: {name}"):
+        take = read(text(table) if form == "csv" else table, f"w.{form}", fps=30)
+    assert take.names == ("smile_L", "mouthRoll")
+    assert take.others[name].tolist() == table[name]
+
+
+@pytest.mark.parametrize(
+    "name", ["CTRL_C_jaw.ty", "CTRL_expressions_jawOpen", "CNT_JAW.translateX", "jawOpen_score"]
+)
+def test_controls_of_a_rig_are_weights_whatever_they_are_called(read, name):
+    assert read(text(columns("smile_L", name)), fps=30).names == ("smile_L", name)
+
+
+def test_angles_of_live_link_are_angles_in_any_table(read):
+    take = read(text(columns("smile_L", "head_yaw")), fps=30)
+    assert take.names == ("smile_L",)
+    assert take.angles["HeadYaw"].tolist() == columns("", "head_yaw")["head_yaw"]
+
+
+def test_a_column_that_is_chosen_is_a_weight_whatever_its_name(read):
+    with pytest.raises(ValueError, match=r"no column of weights; .* head_rx, quality. If .*names="):
+        read(text(columns("head_rx", "quality")), fps=30)
+    with pytest.warns(UserWarning, match="kept apart in others: quality"):
+        assert read(text(columns("head_rx", "quality")), fps=30, names=["head_rx"]).names == (
+            "head_rx",
+        )
