@@ -1,4 +1,5 @@
 import json
+import re
 
 import pytest
 
@@ -43,6 +44,23 @@ def test_what_is_no_weight_by_its_name_is_kept_apart_with_a_word(read, name, for
         take = read(text(table) if form == "csv" else table, f"w.{form}", fps=30)
     assert take.names == ("smile_L", "mouthRoll")
     assert take.others[name].tolist() == table[name]
+
+
+@pytest.mark.parametrize("name", ["time", "Time (ms)", "timestamp_us", "elapsed", "index"])
+def test_a_second_column_of_times_or_frames_is_no_weight(read, name):
+    table = {
+        "frame": [0, 1],
+        "timecode": ["00:00:01:00", "00:00:01:01"],
+        **columns("smile_L", name),
+    }
+    with pytest.warns(UserWarning, match=f"kept apart in others: {re.escape(name)}"):
+        take = read(text(table))
+    assert take.names == ("smile_L",) and take.others[name].tolist() == table[name]
+
+
+@pytest.mark.parametrize("name", ["elapsed", "Time Elapsed", "elapsed_seconds"])
+def test_what_has_passed_is_a_time(read, name):
+    assert read(text({name: [0.0, 0.04, 0.08], "smile_L": [0.1, 0.2, 0.3]})).fps == 25
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass, field
 
-from facelab.files.text import time_columns
+from facelab.files.text import tells_time, time_columns
 from facelab.names import ANGLES, ARKIT, canonical, normalised, spaced
 
 _COUNT = "blendshapecount"
@@ -94,10 +94,11 @@ def weight_columns(header, place, names=None):
     """Columns of any table of weights.
 
     All that do not tell the time are weights under the names they have, but for what a tracker says
-    of itself (`confidence`), and where something stands or turns (`head_rx`): these are kept apart,
-    and the nine angles of Live Link Face are angles. Where half of them or more are ARKit's, and
-    half of ARKit's are there, they get its spelling and the others are kept apart; so are those
-    beside the intensities of OpenFace (`AU12_r`, which becomes `AU12`).
+    of itself (`confidence`), where something stands or turns (`head_rx`), and a second column of
+    times: these are kept apart, and the nine angles of Live Link Face are angles. Where half of
+    them or more are ARKit's, and half of ARKit's are there, they get its spelling and the others
+    are kept apart; so are those beside the intensities of OpenFace (`AU12_r`, which becomes
+    `AU12`).
 
     Parameters
     ----------
@@ -154,7 +155,7 @@ def _kept(name):
     if known in ANGLES:
         return known
     words = spaced(name)
-    return None if _ABOUT.fullmatch(words) or _PLACED.fullmatch(words) else name
+    return None if tells_time(name) or _ABOUT.fullmatch(words) or _PLACED.fullmatch(words) else name
 
 
 def _is_arkit(names):

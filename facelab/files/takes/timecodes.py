@@ -215,6 +215,9 @@ def _smpte(parts, found):
     if drop and ((minute % 10 > 0) & (seconds == 0) & (frame < passed)).any():
         drop = False
         notes += ("marked as drop-frame, but no number is passed over at a minute: not taken so",)
+    elif not drop and base in (30, 60) and _passes(minute, second, second * base + frame, passed):
+        drop = True
+        notes += (f"{passed} numbers are passed over at each minute: taken as drop-frame",)
     if not drop:
         beats = _past_midnight(second * base + frame + part, _DAY * base)
         return _Beats(beats, base, False, notes)
@@ -222,6 +225,13 @@ def _smpte(parts, found):
     notes += (f"drop-frame time code, {base / 1.001:.2f} beats a second",)
     day = _DAY * base - passed * (1440 - 144)
     return _Beats(_past_midnight(beats, day), base, True, notes)
+
+
+def _passes(minute, second, beats, passed):
+    """Whether all minutes but the tenth start so many numbers late, as without a mark as well."""
+    step = np.diff(beats)
+    turns = (np.diff(minute) == 1) & (np.diff(second) == 1) & (minute[1:] % 10 > 0)
+    return bool(turns.any()) and bool((step[turns] - passed == np.median(step)).all())
 
 
 def _base(second, frame, part, drop, found):
