@@ -204,7 +204,11 @@ class TextTable:
             raise ValueError(
                 f"{self.place(number, name)}: "
                 + (f"{shown!r} is no number" if text else "the cell is empty")
-                + "; repair it, or empty all numbers of the row if nothing was seen there."
+                + (
+                    "; take the signs % off and give scale=0.01."
+                    if as_number(text.removesuffix("%").strip()) is not None and "%" in text
+                    else "; repair it, or empty all numbers of the row if nothing was seen there."
+                )
             )
         if abs(value) > 1e300:
             raise ValueError(f"{self.place(number, name)}: {text[:40]} is beyond what is counted.")

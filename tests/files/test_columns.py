@@ -83,3 +83,61 @@ def test_a_column_that_is_chosen_is_a_weight_whatever_its_name(read):
         assert read(text(columns("head_rx", "quality")), fps=30, names=["head_rx"]).names == (
             "head_rx",
         )
+
+
+# --- JSON -----------------------------------------------------------------------------------------
+
+NAMES, ROWS = ["jawOpen", "smile_L"], [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]]
+MATRIX = {"exportFps": 30, "facsNames": NAMES, "weightMat": ROWS}
+
+
+def test_several_sets_of_weights_are_refused_by_name(read):
+    sets = {
+        "face": {"names": NAMES, "weights": ROWS},
+        "body": {"names": ["arm", "leg"], "weights": ROWS},
+    }
+    with pytest.raises(ValueError, match=r"face, body each hold weights, .* a file of its own"):
+        read({"fps": 30, **sets}, "w.json")
+    assert read({"fps": 30, "about": {"by": "me"}, "face": sets["face"]}, "w.json").names == (
+        "jawOpen",
+        "smile_L",
+    )
+
+
+def test_what_stands_beside_a_matrix_for_each_frame_is_said(read):
+    with pytest.warns(UserWarning, match="as long as the frames and left out: emotions, rotations"):
+        take = read(MATRIX | {"emotions": [[1], [2], [3]], "rotations": [[0, 0]] * 3}, "w.json")
+    assert take.weights.tolist() == ROWS
+
+
+def test_times_beside_a_matrix_tell_the_rate(read):
+    timed = {"names": NAMES, "weights": 2 * ROWS, "times": [0, 0.04, 0.08, 0.16, 0.2, 0.24]}
+    take = read(timed, "w.json")
+    assert (take.fps, take.valid.tolist()) == (25, [True] * 3 + [False] + [True] * 3)
+    with pytest.raises(ValueError, match="2 times of 6 frames"):
+        read(timed | {"times": [0, 1]}, "w.json")
+    with pytest.raises(ValueError, match=r"states 30 frames/s, but its times run at 25; .* fps=30"):
+        read(MATRIX | {"times": [0, 0.04, 0.08]}, "w.json")
+
+
+def test_a_rate_that_no_face_is_recorded_with_is_refused_unless_it_is_given(read):
+    with pytest.raises(ValueError, match=r"states 0\.0333 frames/s, .* fps=0\.0333"):
+        read(MATRIX | {"exportFps": 0.0333}, "w.json")
+    assert read(MATRIX | {"exportFps": 0.0333}, "w.json", fps=30).fps == 30
+
+
+# --- numbers --------------------------------------------------------------------------------------
+
+
+def test_bytes_and_signs_of_percent_are_refused_with_the_scale_to_give(read):
+    with pytest.raises(ValueError, match=r"up to 255; .* scale=1/255"):
+        read("jawOpen,smile_L\n12,0\n255,128\n", fps=30)
+    for cell in ("12.5%", "12,5 %"):
+        with pytest.raises(
+            ValueError, match=rf"'{cell}' is no number; take the signs % off .*0\.01"
+        ):
+            read(f"jawOpen;smile_L\n{cell};0\n", fps=30)
+
+
+def test_decimals_without_a_zero_in_front_are_numbers_and_times(read):
+    assert read("time,jawOpen\n0,.1\n.04,.2\n.08,.3\n").fps == 25

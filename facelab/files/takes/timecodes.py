@@ -33,7 +33,9 @@ _CLOCK = re.compile(  # perhaps with a date in front, and the zone behind, as IS
     r"(?:Z|[+-]\d\d:?\d\d)?",
     re.ASCII,
 )
-_SECONDS = re.compile(r"[+-]?\d{1,15}(?:[.,]\d{0,20})?(?:[eE]-?\d{1,2})?", re.ASCII)
+_SECONDS = re.compile(
+    r"[+-]?(?:\d{1,15}(?:[.,]\d{0,20})?|[.,]\d{1,20})(?:[eE]-?\d{1,2})?", re.ASCII
+)
 _REMEDY = "if the rows follow one another at a fixed rate, say so: fps=30"
 
 
@@ -276,7 +278,7 @@ def _placed(seconds, rough):
     rate = _common(rough, 0.02)
     slots, squeezed = _slots(seconds * rate)
     faults = _faults(slots, squeezed)
-    if faults > 0.02 * len(slots):
+    if faults > max(1, 0.02 * len(slots)):  # a single one is a lost frame
         # frames of one rate may be numbered in coarse beats of another: 25 a second in parts of 30
         for other in (r for r in _RATES if 0.55 * rough < r < 1.8 * rough):
             trial, early = _slots(seconds * other)
