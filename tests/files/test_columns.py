@@ -139,5 +139,17 @@ def test_bytes_and_signs_of_percent_are_refused_with_the_scale_to_give(read):
             read(f"jawOpen;smile_L\n{cell};0\n", fps=30)
 
 
+def test_names_that_say_percent_are_read_so_with_a_word(read):
+    table = "time,jawOpen (%),smile_L [%]\n0,0.5,1\n.04,1.5,2\n.08,1,0\n"
+    with pytest.warns(UserWarning, match=r"its names say percent: read with scale=0\.01"):
+        assert read(table).weights[1].tolist() == [0.015, 0.02]
+    assert read(table, scale=1).weights[1].tolist() == [1.5, 2]
+
+
+def test_a_column_missing_among_thousands_is_named_in_a_line(read):
+    with pytest.raises(ValueError, match=r"no column x; there are u0, .* and 2988 more\.$"):
+        read(",".join(f"u{k}" for k in range(3000)) + "\n", fps=30, names=["x"])
+
+
 def test_decimals_without_a_zero_in_front_are_numbers_and_times(read):
     assert read("time,jawOpen\n0,.1\n.04,.2\n.08,.3\n").fps == 25

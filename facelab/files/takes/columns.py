@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass, field
 
 from facelab.files.text import tells_time, time_columns
+from facelab.files.words import listed
 from facelab.names import ANGLES, ARKIT, canonical, normalised, spaced
 
 _COUNT = "blendshapecount"
@@ -121,7 +122,7 @@ def weight_columns(header, place, names=None):
         missing = [n for n in names if n not in header]
         if missing:
             raise ValueError(
-                f"{place}: no column {', '.join(missing)}; there are {', '.join(header)}."
+                f"{place}: no column {listed(missing)}; there are {listed(header, 12)}."
             )
         columns.numbers = {header.index(n): n for n in names}
     elif openface := [k for k in rest if _INTENSITY.fullmatch(header[k])]:

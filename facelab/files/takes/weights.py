@@ -86,6 +86,12 @@ def read_weights(path, fps=None, scale=None, names=None):
             found = read_rows(table, columns)
             if columns.intensities:
                 scale = _of_openface(found, scale)
+    weights = [name for name in found.names if name not in ANGLES]
+    if scale is None and not found.weighed and weights and all("%" in n for n in weights):
+        scale = 0.01
+        found.warned.append(
+            "its names say percent: read with scale=0.01; scale=1 takes it as it is"
+        )
     if found.others:
         others = list(found.others)
         more = f", ... ({len(others)})" if len(others) > 12 else ""
