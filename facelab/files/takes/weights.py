@@ -39,8 +39,9 @@ def read_weights(path, fps=None, scale=None, names=None):
         Factor that makes weights of 0 to 1 of the file's: 0.01 for percent. Left out, weights
         beyond 2 are refused; 1 takes them as they are.
     names : sequence of str, optional
-        The columns that are weights, for a table with other numbers in it. Left out, all are; but
-        where half of them or more are ARKit's, the others are kept apart.
+        The columns that are weights, for a table with other numbers in it. Left out, all are but
+        times, what a tracker says of itself (`confidence`) and where something stands or turns
+        (`head_rx`); where half of them or more are ARKit's, all others are kept apart.
 
     Returns
     -------
