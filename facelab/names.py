@@ -72,6 +72,17 @@ def normalised(name):
     return _key(_own_words(name))
 
 
+def spaced(name):
+    """The words of a name in lower case, an underscore between them.
+
+    Examples
+    --------
+    >>> spaced("Head Rot.X"), spaced("trackingQuality")
+    ('head_rot_x', 'tracking_quality')
+    """
+    return "_".join(_words(name))
+
+
 def _own_words(name):
     """Words of a name without its namespace."""
     name = _COPY.sub("", name)

@@ -15,6 +15,7 @@ from facelab.files.json_items import load_json
 from facelab.files.text import as_number, text_lines
 from facelab.files.words import damaged, listed
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
+from facelab.names import as_landmarks
 from facelab.storage import StoredArrays, atomic_path, existing_file
 
 KINDS = (".ljson", ".json", ".pp", ".txt", ".csv", ".npy", ".npz")
@@ -24,6 +25,9 @@ _NUMBERED = {68: MULTI_PIE, 51: MULTI_PIE[17:]}  # lists without names in an ord
 _MOST = 4_000_000  # bytes; a file of landmarks has some thousands
 _FAR = 5.0  # mm from the mesh: a landmark that belongs to another one, or another unit
 _INTEGER = re.compile(r"-?\d{1,15}", re.ASCII)
+_BETWEEN = re.compile(
+    r"(?:[\s,;=\[\]()]|:(?![^\W\d]|\d+[^\W\d]))+"
+)  # the colon of A:chin is its own
 _HEADER = {*"name names label landmark index indices idx vertex id x y z".split()}
 _UP = ("eye_right_outer", "eye_left_outer", "chin", "nose_tip")
 
@@ -88,13 +92,15 @@ def read_landmarks(path, mesh, names=None, scale=1.0):
     Returns
     -------
     dict of str to int
-        For `TriangleMesh(mesh.vertices, mesh.faces, landmarks)`. Missing points are left out.
+        For `TriangleMesh(mesh.vertices, mesh.faces, landmarks)`. Missing points are left out. Names
+        of `facelab.geometry.MULTI_PIE` in another spelling (`JAW_RIGHT_1`, `brow_L_1`,
+        `Actor:chin`) are spelled as there.
 
     Raises
     ------
     FileNotFoundError, ValueError, TypeError
         For a missing or damaged file, another kind, points off the mesh, indices that it does not
-        have, landmarks without names, or left and right exchanged.
+        have, landmarks without names, two names that read alike, or left and right exchanged.
 
     Warns
     -----
@@ -104,11 +110,11 @@ def read_landmarks(path, mesh, names=None, scale=1.0):
     Examples
     --------
     >>> import facelab
+    >>> from pathlib import Path
     >>> face = facelab.load_template(4375)
-    >>> text = "".join(f"{name} {v}\\\\n" for name, v in face.landmarks.items())
-    >>> _ = open("face.txt", "w").write(text)
-    >>> facelab.files.read_landmarks("face.txt", face) == face.landmarks
-    True
+    >>> _ = Path("face.txt").write_text("CHIN 8\\nnose_tip 30\\n")
+    >>> facelab.files.read_landmarks("face.txt", face)
+    {'chin': 8, 'nose_tip': 30}
     """
     check_type(mesh, "mesh", TriangleMesh, "give the mesh that the landmarks are of")
     scale = check_number(scale, "scale", above=0)
@@ -262,7 +268,7 @@ def _listed(path, mesh):
     """
     lines = []
     for at, line, _ in text_lines(path, "list of landmarks"):
-        words = [w.strip("\"'") for w in re.split(r"[\s,;:=\[\]()]+", line.split("#")[0]) if w]
+        words = [w.strip("\"'") for w in _BETWEEN.split(line.split("#")[0]) if w]
         if words and (lines or not {w.lower() for w in words} <= _HEADER):
             name = [] if as_number(words[0]) is not None else [words.pop(0)]
             lines.append((at, line.strip()[:60], name, words))
@@ -379,7 +385,10 @@ def _named(path, found, n, names):
             f"{path}: {f'{listed(twice)} stand(s) twice' if twice else 'a landmark has no name'}; "
             "each needs a name of its own (names=)."
         )
-    return found
+    try:
+        return list(as_landmarks(MULTI_PIE, dict.fromkeys(found)))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
 def _check_places(path, mesh, found):

@@ -22,10 +22,14 @@ _PLAIN = {  # lines in which float() finds nothing but numbers as they are writt
     "\t": re.compile(r"[0-9eE+\-.:; \t]*"),
 }
 _TIME = ("timecode", "time", "times", "timestamp", "timestamps", "t")
+_TIME += ("elapsed", "elapsedtime", "timeelapsed", "mediatime", "frametime")
 _SECONDS = (*_TIME, *(stem + unit for unit in ("seconds", "secs", "sec") for stem in ("", *_TIME)))
 _SECONDS += tuple(stem + "s" for stem in _TIME)
 _MILLISECONDS = tuple(
     stem + unit for unit in ("ms", "milliseconds", "msec") for stem in ("", *_TIME)
+)
+_UNREAD = tuple(
+    stem + unit for unit in ("us", "ns", "microseconds", "nanoseconds") for stem in _TIME
 )
 _FRAME = ("frame", "frames", "frameid", "framenumber", "frameindex", "frameno", "field")
 _FRAME += ("index", "idx")
@@ -200,7 +204,11 @@ class TextTable:
             raise ValueError(
                 f"{self.place(number, name)}: "
                 + (f"{shown!r} is no number" if text else "the cell is empty")
-                + "; repair it, or empty all numbers of the row if nothing was seen there."
+                + (
+                    "; take the signs % off and give scale=0.01."
+                    if as_number(text.removesuffix("%").strip()) is not None and "%" in text
+                    else "; repair it, or empty all numbers of the row if nothing was seen there."
+                )
             )
         if abs(value) > 1e300:
             raise ValueError(f"{self.place(number, name)}: {text[:40]} is beyond what is counted.")
@@ -240,6 +248,17 @@ def time_columns(header, coded=True):
     time = next((keys.index(name) for name in names if name in keys), None)
     frames = (k for k, key in enumerate(keys) if key in _FRAME or (k == 0 and not header[0]))
     return time, time is not None and keys[time] in _MILLISECONDS, next(frames, None)
+
+
+def tells_time(name):
+    """Whether a column of that name counts time or frames, in whatever unit.
+
+    Examples
+    --------
+    >>> tells_time("Time (ms)"), tells_time("timestamp_us"), tells_time("jawOpen")
+    (True, True, False)
+    """
+    return normalised(name) in {*_SECONDS, *_MILLISECONDS, *_UNREAD, *_FRAME}
 
 
 def delimiter_of(line):

@@ -246,3 +246,38 @@ def test_what_was_written_is_read_again(face, tmp_path):
         write_landmarks(tmp_path / "m.ljson", face.vertices, {})
     with pytest.raises(ValueError, match=r"landmarks\['chin'\]=9999"):
         write_landmarks(tmp_path / "m.ljson", face.vertices, {"chin": 9999})
+
+
+@pytest.mark.parametrize(
+    "spell",
+    [
+        str.upper,
+        lambda n: n.replace("left", "L").replace("right", "R"),
+        lambda n: f"Actor:{n}",
+        lambda n: n.replace("_", "-").title(),
+        lambda n: f"{MULTI_PIE.index(n)}_{n}",
+    ],
+)
+def test_names_in_another_spelling_are_spelled_as_the_house_does(face, tmp_path, spell):
+    lines = [f"{spell(n)} {face.landmarks[n]}\n" for n in MULTI_PIE]
+    (tmp_path / "m.txt").write_text("".join(lines) + "Ear 7\n")
+    found = read_landmarks(tmp_path / "m.txt", face)
+    assert found == {n: face.landmarks[n] for n in MULTI_PIE} | {"Ear": 7}
+
+
+def test_sides_exchanged_are_refused_in_any_spelling(face, tmp_path):
+    swap = {"L": "R", "R": "L"}
+    lines = [
+        f"{re.sub('[LR]', lambda m: swap[m[0]], n.replace('left', 'L').replace('right', 'R'))} "
+        f"{face.landmarks[n]}\n"
+        for n in MULTI_PIE
+    ]
+    (tmp_path / "m.txt").write_text("".join(lines))
+    with pytest.raises(ValueError, match="left and right are exchanged"):
+        read_landmarks(tmp_path / "m.txt", face)
+
+
+def test_two_names_that_read_alike_are_refused_with_their_file(face, tmp_path):
+    (tmp_path / "m.txt").write_text("A:chin 3\nB:chin 4\n")
+    with pytest.raises(ValueError, match=r"m\.txt: 'A:chin', 'B:chin' all read like the landmark"):
+        read_landmarks(tmp_path / "m.txt", face)

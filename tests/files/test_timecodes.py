@@ -43,6 +43,21 @@ def test_drop_frame_codes_pass_midnight():
     complete([drop_frame(day - 700 + i, 30) for i in range(1400)], 30000 / 1001)
 
 
+@pytest.mark.parametrize("base, every", [(30, 1), (60, 1), (60, 2)])
+def test_drop_frame_codes_without_their_mark_are_known_by_what_they_pass_over(base, every):
+    first = (17982 * 60 - 600) * base // 30
+    codes = [drop_frame(first + every * i, base) for i in range(200 * base // every)]
+    fps = base / every * 1000 / 1001
+    found = complete([c.replace(";", ":") for c in codes], fps)
+    assert f"{base // 15} numbers are passed over at each minute" in found.notes[0]
+
+
+@pytest.mark.parametrize("lost", [1, 2, 3])
+def test_frames_lost_at_one_minute_of_several_make_no_drop_frame(lost):
+    codes = [code(i, start=50) for i in range(4000) if not 300 <= i < 300 + lost]
+    assert placed(codes).fps == 30
+
+
 def test_drop_frame_marks_on_numbers_that_are_never_passed_over_are_not_believed():
     found = complete([code(i, mark=";", start=59) for i in range(90)], 30)
     assert "not taken so" in found.notes[0]

@@ -214,7 +214,11 @@ def _check_rest(path, table, number, text):
         raise ValueError(
             f"{path}, line {number}: rows go on behind a blank line; take it out, or export again."
         )
-    table.report.append(f"what follows the rows left out, from line {number} on: {first[:40]}")
+    said = f"what follows the rows left out, from line {number} on: {first[:40]}"
+    if first.lower() == "trajectories":  # markers as well
+        warn(path, table.report, f"{said}; write it to a file of its own", 7)
+    else:
+        table.report.append(said)
 
 
 def _numbers(path, table, number, cells):

@@ -25,6 +25,7 @@ _SPELLINGS = {
 }
 _ENOUGH = 6  # markers, to judge the size of a face by
 _FARTHEST = 1e6  # mm; no capture volume is a kilometre wide
+_FILLS = 3  # places of whole numbers at most that a marker has by filling
 _REACH = 1000.0  # mm; no marker leaves its place so far for moments
 _CHUNK = 2**21  # coordinates looked at together
 
@@ -178,7 +179,7 @@ def marker_sequence(path, positions, names, fps, report, judge=True):
         For messages.
     positions : ndarray of shape (n_frames, n_markers, 3)
         Millimetres; NaN where hidden. Changed in place: exact zeros, positions seen in part and
-        values that fill gaps (-9999, or -1 again and again) become NaN.
+        values that fill gaps (-9999, or -1 or 0, 0, -1 again and again) become NaN.
     names : list of str
     fps : float
     report : list of str
@@ -187,7 +188,7 @@ def marker_sequence(path, positions, names, fps, report, judge=True):
         Warn of a size that is no face's, and say it in the report.
     """
     zeros = part = 0
-    alike = np.zeros(positions.shape[:2], dtype=bool)  # one value in x, y and z
+    odd = np.zeros(positions.shape[:2], dtype=bool)  # one value in x, y and z, or whole numbers
     rows = max(1, _CHUNK // max(1, 3 * len(names)))
     for first in range(0, len(positions), rows):
         some = positions[first : first + rows]
@@ -203,16 +204,23 @@ def marker_sequence(path, positions, names, fps, report, judge=True):
         origin = (some == 0).all(axis=2)
         halves = missing.any(axis=2) & ~missing.all(axis=2)
         some[origin | halves] = np.nan
-        alike[first : first + rows] = (some[..., :2] == some[..., 1:]).all(axis=2)
+        alike = (some[..., :2] == some[..., 1:]).all(axis=2)
+        odd[first : first + rows] = alike | (some == np.rint(some)).all(axis=2)
         zeros += int(origin.sum())
         part += int(halves.sum())
     if zeros:
         report.append(f"{zeros} position(s) at exactly 0, 0, 0 taken for hidden")
-    if filled := _unfilled(positions, alike):
-        report.append(
-            f"{sum(filled.values())} position(s) taken for hidden that fill a gap with one value "
-            f"in x, y and z ({listed(f'{value:.6g}' for value in filled)})"
-        )
+    filled = _unfilled(positions, odd)
+    one = {place: count for place, count in filled.items() if len({*place}) == 1}
+    for of_kind, what in (
+        (one, "one value in x, y and z"),
+        ({p: n for p, n in filled.items() if p not in one}, "one place"),
+    ):
+        if of_kind:
+            report.append(
+                f"{sum(of_kind.values())} position(s) taken for hidden that fill a gap with {what} "
+                f"({listed(map(_told, of_kind))})"
+            )
     if part:
         report.append(f"{part} position(s) with one or two coordinates only taken for hidden")
     markers = MarkerSequence(positions, tuple(names), fps)
@@ -223,35 +231,46 @@ def marker_sequence(path, positions, names, fps, report, judge=True):
     return replace(markers, report=found)
 
 
-def _unfilled(positions, alike):
-    """Values that stand for hidden markers, with their counts; they become NaN.
+def _unfilled(positions, odd):
+    """Places that stand for hidden markers, with their counts; they become NaN.
 
-    Such a value is where its marker never is else: again and again, a jump away from all places
-    that it visits; or once, beyond reach.
+    Such a place is where its marker never is else: again and again, a jump away from all places
+    that it visits; or once, beyond reach. Looked at are those that are `odd`, of shape (n_frames,
+    n_markers).
     """
-    values, some = set(), slice(None, None, max(1, len(positions) // 200))
-    for marker in np.flatnonzero(alike.any(axis=0)):
-        track, at = positions[:, marker], alike[:, marker]
+    places, some = set(), slice(None, None, max(1, len(positions) // 200))
+    for marker in np.flatnonzero(odd.any(axis=0)):
+        track, at = positions[:, marker], odd[:, marker]
+        found, counts = np.unique(track[at], axis=0, return_counts=True)
+        alike = (found[:, :2] == found[:, 1:]).all(axis=1)
+        if (~alike).sum() > _FILLS:  # whole numbers are what this file counts in
+            found, counts = found[alike], counts[alike]
+            at = at & (track[:, :2] == track[:, 1:]).all(axis=1)
         rest = track[~at & np.isfinite(track[:, 0])].astype(float)
         steps = np.linalg.norm(np.diff(rest, axis=0), axis=1)
         jump = 10 * np.median(steps[steps > 0]) if steps.any() else np.inf
         if len(rest) < 2:  # far from the others, then?
-            rest = positions[some][~alike[some] & np.isfinite(positions[some][..., 0])]
+            rest = positions[some][~odd[some] & np.isfinite(positions[some][..., 0])]
         if not len(rest):
             continue
         low, high = rest.min(axis=0), rest.max(axis=0)
         reach = max(_REACH, 10 * np.linalg.norm(high - low))
-        for value, count in zip(*np.unique(track[at, 0], return_counts=True), strict=True):
-            outside = np.linalg.norm(np.maximum(0, np.maximum(low - value, value - high)))
-            again = count > 2 and np.linalg.norm(rest - value, axis=1).min() > jump
+        for place, count in zip(found, counts, strict=True):
+            outside = np.linalg.norm(np.maximum(0, np.maximum(low - place, place - high)))
+            again = count > 2 and np.linalg.norm(rest - place, axis=1).min() > jump
             if outside > reach or again:
-                values.add(float(value))
+                places.add(tuple(place.tolist()))
     filled = {}
-    for value in sorted(values):
-        at = alike & (positions[..., 0] == value)
+    for place in sorted(places):
+        at = odd & (positions == np.array(place, positions.dtype)).all(axis=2)
         positions[at] = np.nan
-        filled[value] = int(at.sum())
+        filled[place] = int(at.sum())
     return filled
+
+
+def _told(place):
+    """A place that fills gaps, in short: -9999 for one value in all three."""
+    return " ".join(f"{value:.6g}" for value in (place[:1] if len({*place}) == 1 else place))
 
 
 def _judge(path, markers, report):

@@ -113,12 +113,13 @@ def _header_row(path, lines, what):
 
 
 def _motive(path, lines, first, unit):
-    about = cells(first, ",")
+    delimiter = max(",;\t", key=first.count)  # a comma, or as a spreadsheet saved it again
+    about = cells(first, delimiter)
     about = dict(zip(about[::2], about[1::2], strict=False))
     above = []
     while True:  # rows of types, names, identities, parents, kinds of value; then the axes
         number, line = _header_row(path, lines, "a row that starts with Frame")
-        row = cells(line, ",")
+        row = cells(line, delimiter)
         if row[0].lower() == "frame":
             break
         above.append(row)
@@ -147,12 +148,15 @@ def _motive(path, lines, first, unit):
         )
     report = []
     left_out(report, others, "column(s) that are no markers")
+    loose = dict.fromkeys(n for n, _, _ in columns if n.lower().startswith("unlabel"))
+    if loose:
+        report.append(f"{len(loose)} marker(s) that Motive has not labelled ({listed(loose)})")
     rate = about.get("Export Frame Rate") or about.get("Capture Frame Rate", "")
     timed = width > 1 and row[1].lower().startswith("time")
     said = about.get("Length Units", "")
     return Table(
         row[:2] + [f"{n} {a}".strip() for n, a in zip(names[2:], row[2:], strict=True)],
-        _triples(path, number, columns), ",", 0, 1 if timed else None,
+        _triples(path, number, columns), delimiter, 0, 1 if timed else None,
         rate=stated(path, rate, "the frame rate"),
         n_frames=stated(path, about.get("Total Exported Frames", ""), "the number of frames", True),
         factor=factor_of(path, said, unit, "Length Units"), report=report,
@@ -210,13 +214,14 @@ def _nexus(path, lines, head, unit):
 
 def _qualisys(path, lines, first, unit):
     about, line = {}, first
+    delimiter = delimiter_of(first)  # a tab, or as a spreadsheet saved it again
     while True:
-        key, _, value = line.partition("\t")
+        key, _, value = line.partition(delimiter)
         if not re.fullmatch(r"[A-Z_]+", key.strip(), re.ASCII):
             break
-        about.setdefault(key.strip(), value.strip())
+        about.setdefault(key.strip(), value.strip(f"{delimiter} "))
         _, line = _header_row(path, lines, "rows of numbers")
-    titles = cells(line, "\t")
+    titles = cells(line, delimiter)
     if titles[0].lower() in ("frame", "time") or re.search(r"[A-Za-z]\s*[XYZ]$", titles[-1]):
         _, line = _header_row(path, lines, "rows of numbers")
     lines.back(line)
@@ -225,11 +230,12 @@ def _qualisys(path, lines, first, unit):
             f"{path}: DATA_INCLUDED is {about['DATA_INCLUDED']!r}, but 3D is wanted: positions of "
             "markers."
         )
-    names = [name.strip() for name in about.get("MARKER_NAMES", "").split("\t") if name.strip()]
+    names = [name.strip() for name in about.get("MARKER_NAMES", "").split(delimiter)]
+    names = [name for name in names if name]
     n_markers = stated(path, about.get("NO_OF_MARKERS", ""), "NO_OF_MARKERS", True)
     if not names or n_markers not in (None, len(names)):
         raise damaged(f"{path}: NO_OF_MARKERS is {n_markers}, but MARKER_NAMES has {len(names)}")
-    width = len(line.rstrip("\t ").split("\t"))
+    width = len(line.rstrip(f"{delimiter} ").split(delimiter))
     before = max(width - 3 * len(names), 0)
     titles = [title.lower() for title in titles]
     if before > 2:
@@ -241,7 +247,8 @@ def _qualisys(path, lines, first, unit):
     columns = ["frame", "time"][:before] + [f"{n} {axis}" for n in names for axis in "XYZ"]
     return Table(
         columns,
-        [(n, tuple(before + 3 * i + np.arange(3))) for i, n in enumerate(names)], "\t", frame, time,
+        [(n, tuple(before + 3 * i + np.arange(3))) for i, n in enumerate(names)],
+        delimiter, frame, time,
         rate=stated(path, about.get("FREQUENCY", ""), "FREQUENCY"),
         n_frames=stated(path, about.get("NO_OF_FRAMES", ""), "NO_OF_FRAMES", True),
         factor=MM_PER_UNIT[unit or "mm"],  # Qualisys always exports millimetres

@@ -17,6 +17,8 @@ _NAMES = ("names", "facsnames", "blendshapenames", "blendshapes", "shapes", "cha
 _WEIGHTS = ("weights", "weightmat", "values", "blendshapes", "blendshapeweights", "coefficients")
 _WEIGHTS += ("faceblendshapes", "categories")
 _TIMES = {"time": 1, "timecode": 1, "timestamp": 1, "timestampms": 1000}  # how many make a second
+_ALL_TIMES = ("times", "timestamps")
+_VALUES = (int, float)
 _HEAD = ("headindex", "headname")  # what MediaPipe writes beside categories
 _ROWS = (*_WEIGHTS, "frames", "data")
 _FPS = ("fps", "exportfps", "framerate")
@@ -74,8 +76,8 @@ def read_json_recording(path, names=None):
         raise ValueError(
             f"{path}: neither names nor frames on top; see read_weights for its forms."
         )
-    inner = [v for v in content.values() if isinstance(v, dict)]
-    keys = {normalised(k): v for part in (*inner, content) for k, v in part.items()}
+    inner = {k: v for k, v in content.items() if isinstance(v, dict)}
+    keys = {normalised(k): v for part in (*inner.values(), content) for k, v in part.items()}
     fps = next((keys[k] for k in _FPS if k in keys), None)
     if fps is not None:
         fps = _number(fps, f"{path}: frames a second")
@@ -86,7 +88,16 @@ def read_json_recording(path, names=None):
         (keys[k] for k in _ROWS if _is_list_of(keys.get(k), (list, dict, type(None)))), None
     )
     if rows is not None:
-        found = _of_frames(path, rows, names, shapes, fps)
+        _refuse_several(path, inner, rows)
+        times = next((keys[k] for k in _ALL_TIMES if _is_list_of(keys.get(k), (int, float))), None)
+        found = _of_frames(path, rows, names, shapes, fps, times)
+        beside = {k: v for part in (*inner.values(), content) for k, v in part.items()}
+        unread = [
+            k for k, v in beside.items() if _is_list_of(v, (*_VALUES, list)) and v is not rows
+        ]
+        unread = [k for k in unread if len(beside[k]) == len(rows) and beside[k] is not times]
+        if unread := [k for k in unread if beside[k] is not shapes and len(rows) > 1]:
+            found.warned.append(f"as long as the frames and left out: {listed(unread)}")
     else:
         found = _of_columns(path, content, names, fps)
     for key, axis in _COUNTS.items():
@@ -96,6 +107,20 @@ def read_json_recording(path, names=None):
                 f"{path}: it says {key}={keys[key]!r}, but holds {size}; it was cut or edited."
             )
     return found
+
+
+def _refuse_several(path, inner, rows):
+    """Where several tables have weights of their own, none of them is the one that is meant."""
+    held = [
+        name
+        for name, part in inner.items()
+        if any(normalised(k) in _ROWS and _is_list_of(v, (list, dict)) for k, v in part.items())
+    ]
+    if len(held) > 1 and any(rows is v for name in held for v in inner[name].values()):
+        raise ValueError(
+            f"{path}: {listed(held)} each hold weights, and one is read; write each to a file of "
+            "its own."
+        )
 
 
 def _parsed(path):
@@ -157,7 +182,7 @@ def _numbers(values, places):
     return [np.nan if value is None else _number(value, place) for value, place in pairs]
 
 
-def _of_frames(path, rows, names, shapes, fps):
+def _of_frames(path, rows, names, shapes, fps, times=None):
     """Frames one by one: lists beside `shapes`, or tables of names, bare or under a word."""
     header, read, codes, left_out = shapes and list(shapes), [], [], set()
     for i, row in enumerate(rows):
@@ -186,6 +211,10 @@ def _of_frames(path, rows, names, shapes, fps):
         codes += [_code(beside[k], normalised(k), f"{place}, {k}") for k in time[:1]]
         left_out |= {*beside} - {*time[:1]}
         read.append(row and _numbers(row, [f"{place}, {name}" for name in header]))
+    if not codes and times is not None:
+        if len(times) != len(rows):
+            raise ValueError(f"{path}: {len(times)} times of {len(rows)} frames; each needs one.")
+        codes = _as_codes(np.array(_numbers(times, [f"{path}, times"] * len(times))))
     if codes and len(codes) < len(rows):
         raise ValueError(f"{path}: only {len(codes)} of {len(rows)} frames have a time.")
     if not header:

@@ -3,11 +3,25 @@
 import re
 from dataclasses import dataclass, field
 
-from facelab.files.text import time_columns
-from facelab.names import ARKIT, canonical, normalised
+from facelab.files.text import tells_time, time_columns
+from facelab.files.words import listed
+from facelab.names import ANGLES, ARKIT, canonical, normalised, spaced
 
 _COUNT = "blendshapecount"
 _INTENSITY = re.compile(r"AU\d\d_r")
+_ABOUT = re.compile(  # what a tracker says of itself, not of a shape
+    r"(?:(?:face|track|tracking|detect|detection|detected|head|pose|landmarks?|overall)_)*"
+    r"(?:confidence|conf|success|quality|score|probability|likelihood|accuracy|valid|visible|tracked|"
+    r"tracking|detected|state|status|id|person|subject|dt|delta_time|duration)"
+)
+_BODY = "(?:(?:head|face|neck|eyes?|gaze|camera|root|body|skull|spine|left|right|l|r)_)"
+_MOVE = "(?:rot|rotate|rotation|pos|position|trans|translate|translation|loc|location|quat|"
+_MOVE += "quaternion|orientation|euler)"
+_PLACED = re.compile(  # head_rx, rotX, Head Position Y, neckYaw; but no control: CTRL_C_jaw.ty
+    rf"(?!(?:ctrl|ctl|cnt|con|control)_)(?:.+_)?(?:{_MOVE}_?|[rtpq])[xyzw]"
+    rf"|{_BODY}*(?:(?:rotation|rot|pose)_)?(?:yaw|pitch|roll)"
+    rf"|{_BODY}+(?:{_MOVE}(?:_?\d)?|[xyzw])"
+)
 
 
 @dataclass
@@ -80,9 +94,12 @@ def is_live_link(header):
 def weight_columns(header, place, names=None):
     """Columns of any table of weights.
 
-    All that do not tell the time are weights under the names they have. Where half of them or more
-    are ARKit's, and half of ARKit's are there, they get its spelling and the others are kept apart;
-    so are those beside the intensities of OpenFace (`AU12_r`, which becomes `AU12`).
+    All that do not tell the time are weights under the names they have, but for what a tracker says
+    of itself (`confidence`), where something stands or turns (`head_rx`), and a second column of
+    times: these are kept apart, and the nine angles of Live Link Face are angles. Where half of
+    them or more are ARKit's, and half of ARKit's are there, they get its spelling and the others
+    are kept apart; so are those beside the intensities of OpenFace (`AU12_r`, which becomes
+    `AU12`).
 
     Parameters
     ----------
@@ -105,7 +122,7 @@ def weight_columns(header, place, names=None):
         missing = [n for n in names if n not in header]
         if missing:
             raise ValueError(
-                f"{place}: no column {', '.join(missing)}; there are {', '.join(header)}."
+                f"{place}: no column {listed(missing)}; there are {listed(header, 12)}."
             )
         columns.numbers = {header.index(n): n for n in names}
     elif openface := [k for k in rest if _INTENSITY.fullmatch(header[k])]:
@@ -113,7 +130,8 @@ def weight_columns(header, place, names=None):
     elif _is_arkit([header[k] for k in rest]):
         columns.numbers = {k: canonical(header[k]) for k in rest if canonical(header[k])}
     else:
-        columns.numbers = {k: header[k] for k in rest}
+        named = {k: _kept(header[k]) for k in rest}
+        columns.numbers = {k: name for k, name in named.items() if name}
     columns.others = {k: header[k] for k in rest if k not in columns.numbers}
     columns.intensities = all(map(_INTENSITY.fullmatch, columns.numbers.values()))
     if columns.intensities:  # the r is no side
@@ -130,6 +148,15 @@ def _timed(header):
 
 def _first(key, keys):
     return keys.index(key) if key in keys else None
+
+
+def _kept(name):
+    """The name of a weight or an angle; None for what is neither."""
+    known = canonical(name)
+    if known in ANGLES:
+        return known
+    words = spaced(name)
+    return None if tells_time(name) or _ABOUT.fullmatch(words) or _PLACED.fullmatch(words) else name
 
 
 def _is_arkit(names):

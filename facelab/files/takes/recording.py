@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from facelab.checks import check_number
-from facelab.files.takes.timecodes import LONGEST_FILL, Timing, timing
+from facelab.files.takes.timecodes import FASTEST, LONGEST_FILL, SLOWEST, Timing, timing
+from facelab.files.words import listed
 from facelab.motion import WeightSequence
 from facelab.names import ANGLES, ARKIT
 
@@ -154,7 +155,8 @@ def as_take(found, fps=None, scale=None, repeats="kept", stacklevel=3):
     if is_angle.all():
         raise ValueError(
             f"{found.path}: no column of weights; its columns are "
-            f"{', '.join([*found.names, *found.others]) or 'none'}."
+            f"{listed([*found.names, *found.others]) or 'none'}. If some of them are, name them: "
+            "names=[...]."
         )
     face = ~np.isnan(found.values).all(axis=1)
     if not face.any():
@@ -312,6 +314,11 @@ def _refuse_weights(found, W, far, row, column, scale):
             f"{place} is no weight of 0 to 1, nor are {count - 1} others, up to {most:g}; if the "
             "file counts to 100, say so: scale=0.01."
         )
+    if 150 < most <= 255 and not (W[np.isfinite(W)] % 1).any():
+        raise ValueError(
+            f"{place} is no weight of 0 to 1, nor are {count - 1} others, up to {most:g}; if the "
+            "file counts to 255, say so: scale=1/255."
+        )
     raise ValueError(
         f"{place} is no weight of 0 to 1, nor are {count - 1} others; repair what is wrong, or "
         "give the factor that makes weights of 0 to 1 of all of them: scale=1 if they are meant so."
@@ -328,9 +335,20 @@ def _timed(found, fps):
         if found.codes is not None:
             found.notes.append(f"time codes not used: fps={fps:g} was given")
     elif found.codes is not None:
-        return timing(found)
+        times = timing(found)
+        if found.fps and n > 1 and abs(times.fps / found.fps - 1) > 0.02:
+            raise ValueError(
+                f"{found.path}: it states {found.fps:g} frames/s, but its times run at "
+                f"{times.fps:.4g}; say which is right: fps={found.fps:g}."
+            )
+        return times
     elif found.fps is not None:
         fps = found.fps
+        if not found.weighed and not 0.99 * SLOWEST <= fps <= 1.01 * FASTEST:
+            raise ValueError(
+                f"{found.path}: it states {fps:g} frames/s, and a face is recorded with {SLOWEST} "
+                f"to {FASTEST}; if it is meant so, say so: fps={fps:g}."
+            )
     else:
         raise ValueError(
             f"{found.path}: nothing in it tells the time; give the rate of its rows, fps=30."

@@ -33,7 +33,9 @@ _CLOCK = re.compile(  # perhaps with a date in front, and the zone behind, as IS
     r"(?:Z|[+-]\d\d:?\d\d)?",
     re.ASCII,
 )
-_SECONDS = re.compile(r"[+-]?\d{1,15}(?:[.,]\d{0,20})?(?:[eE]-?\d{1,2})?", re.ASCII)
+_SECONDS = re.compile(
+    r"[+-]?(?:\d{1,15}(?:[.,]\d{0,20})?|[.,]\d{1,20})(?:[eE]-?\d{1,2})?", re.ASCII
+)
 _REMEDY = "if the rows follow one another at a fixed rate, say so: fps=30"
 
 
@@ -215,6 +217,9 @@ def _smpte(parts, found):
     if drop and ((minute % 10 > 0) & (seconds == 0) & (frame < passed)).any():
         drop = False
         notes += ("marked as drop-frame, but no number is passed over at a minute: not taken so",)
+    elif not drop and base in (30, 60) and _passes(minute, second, second * base + frame, passed):
+        drop = True
+        notes += (f"{passed} numbers are passed over at each minute: taken as drop-frame",)
     if not drop:
         beats = _past_midnight(second * base + frame + part, _DAY * base)
         return _Beats(beats, base, False, notes)
@@ -222,6 +227,13 @@ def _smpte(parts, found):
     notes += (f"drop-frame time code, {base / 1.001:.2f} beats a second",)
     day = _DAY * base - passed * (1440 - 144)
     return _Beats(_past_midnight(beats, day), base, True, notes)
+
+
+def _passes(minute, second, beats, passed):
+    """Whether all minutes but the tenth start so many numbers late, as without a mark as well."""
+    step = np.diff(beats)
+    turns = (np.diff(minute) == 1) & (np.diff(second) == 1) & (minute[1:] % 10 > 0)
+    return bool(turns.any()) and bool((step[turns] - passed == np.median(step)).all())
 
 
 def _base(second, frame, part, drop, found):
@@ -266,7 +278,7 @@ def _placed(seconds, rough):
     rate = _common(rough, 0.02)
     slots, squeezed = _slots(seconds * rate)
     faults = _faults(slots, squeezed)
-    if faults > 0.02 * len(slots):
+    if faults > max(1, 0.02 * len(slots)):  # a single one is a lost frame
         # frames of one rate may be numbered in coarse beats of another: 25 a second in parts of 30
         for other in (r for r in _RATES if 0.55 * rough < r < 1.8 * rough):
             trial, early = _slots(seconds * other)

@@ -39,8 +39,9 @@ def read_weights(path, fps=None, scale=None, names=None):
         Factor that makes weights of 0 to 1 of the file's: 0.01 for percent. Left out, weights
         beyond 2 are refused; 1 takes them as they are.
     names : sequence of str, optional
-        The columns that are weights, for a table with other numbers in it. Left out, all are; but
-        where half of them or more are ARKit's, the others are kept apart.
+        The columns that are weights, for a table with other numbers in it. Left out, all are but
+        times, what a tracker says of itself (`confidence`) and where something stands or turns
+        (`head_rx`); where half of them or more are ARKit's, all others are kept apart.
 
     Returns
     -------
@@ -86,6 +87,12 @@ def read_weights(path, fps=None, scale=None, names=None):
             found = read_rows(table, columns)
             if columns.intensities:
                 scale = _of_openface(found, scale)
+    weights = [name for name in found.names if name not in ANGLES]
+    if scale is None and not found.weighed and weights and all("%" in n for n in weights):
+        scale = 0.01
+        found.warned.append(
+            "its names say percent: read with scale=0.01; scale=1 takes it as it is"
+        )
     if found.others:
         others = list(found.others)
         more = f", ... ({len(others)})" if len(others) > 12 else ""

@@ -153,6 +153,34 @@ def test_places_with_one_value_in_x_y_and_z_that_markers_pass_through_are_kept(t
         np.testing.assert_array_equal(take.positions[1:], P[1:])
 
 
+@pytest.mark.parametrize("place", [(0, 0, -9999), (0, 0, -1), (-1, -1, 0), (9999, -9999, 9999)])
+@pytest.mark.parametrize("write", [trc, plain], ids=["trc", "csv"])
+def test_one_place_that_fills_gaps_is_hidden_and_counted(tmp_path, rng, place, write):
+    P = rng.uniform(50, 200, (8, 3)) + np.cumsum(rng.normal(scale=0.3, size=(120, 8, 3)), axis=0)
+    P[30:60, 2] = P[70:80, 2] = P[10:35, 5] = np.nan
+    path = tmp_path / f"take.{write.__name__.replace('plain', 'csv')}"
+    path.write_text(write(np.where(np.isnan(P), place, P), NAMES))
+    take = read_markers(path)
+    np.testing.assert_array_equal(take.visible, np.isfinite(P[..., 0]))
+    told = " ".join(map(str, place))
+    assert any("65 position(s) taken" in n and f"({told})" in n for n in take.report.notes)
+
+
+def test_places_of_whole_numbers_that_a_marker_visits_stay(tmp_path, rng):
+    drift = np.cumsum(rng.normal(scale=0.3, size=(60, 3, 3)), axis=0)
+    held = drift + 40
+    held[20:30] = np.round(held[20])  # within a millimetre of where it was
+    for P in (
+        np.round(40 + drift),  # whole numbers are what it counts in
+        held,
+        np.where(np.arange(60)[:, None, None] % 20 < 10, [[[1.0, 2, 3]]], [[[41.0, 2, 3]]])
+        + np.zeros((1, 3, 1)),
+        np.concatenate([np.full((60, 1, 3), [10.0, 20, 30]), drift[:, :2]], axis=1),  # at rest
+    ):
+        take = read_markers(saved(tmp_path / "p.npz", positions=P, names=NAMES[:3], fps=100))
+        np.testing.assert_allclose(take.positions, P, rtol=1e-6)
+
+
 # --- npz ------------------------------------------------------------------------------------------
 
 

@@ -411,3 +411,30 @@ def contradiction(write):
         return ""
 
     return contradicts
+
+
+@pytest.mark.parametrize("write", [motive, qualisys], ids=["motive", "qualisys"])
+@pytest.mark.parametrize("padded", [False, True])
+def test_what_a_spreadsheet_saved_again_is_read(tmp_path, P, write, padded):
+    """Semicolons and decimal commas, rows filled up to the widest."""
+    text = write(P, NAMES).replace("\r\n", "\n")
+    text = re.sub(r"\t|,(?! )", ";", text).replace(".", ",")
+    lines = text.splitlines()
+    width = max(line.count(";") for line in lines)
+    lines = [line + ";" * (width - line.count(";")) * padded for line in lines]
+    take = read(tmp_path, "\n".join(lines) + "\n")
+    np.testing.assert_allclose(take.positions, P, atol=1e-3)
+    assert (take.names, take.fps) == (tuple(NAMES), 120)
+
+
+def test_markers_that_motive_has_not_labelled_are_said(tmp_path, P):
+    take = read(tmp_path, motive(P, [*NAMES[:5], "Unlabeled 1001", "Unlabeled 1002"]))
+    said = "2 marker(s) that Motive has not labelled (Unlabeled 1001, Unlabeled 1002)"
+    assert said in take.report.notes
+
+
+def test_a_second_table_of_trajectories_is_left_out_with_a_word(tmp_path, P):
+    path = tmp_path / "two.csv"
+    path.write_text(nexus(P, NAMES, after=nexus(P, [f"Eve:{n}" for n in NAMES])))
+    with pytest.warns(UserWarning, match=r"left out, from line 37 on: Trajectories; write it to"):
+        assert read_markers(path).n_markers == len(NAMES)
