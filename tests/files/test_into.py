@@ -198,8 +198,8 @@ def test_khronos_validator_finds_nothing_new(tmp_path, shapes, name):
 def edited(tmp_path):
     """Write the avatar after a change to its JSON, with another binary chunk or further ones."""
 
-    def edited(change, body=None, further=b""):
-        told, own = opened(FIXTURES / "avatar.glb")
+    def edited(change, body=None, further=b"", name="avatar"):
+        told, own = opened(FIXTURES / f"{name}.glb")
         change(told)
         text = json.dumps(told).encode()
         text += b" " * (-len(text) % 4)
@@ -215,6 +215,50 @@ def edited(tmp_path):
 
 def mesh_of(told, name="Head"):
     return next(told["meshes"][n["mesh"]] for n in told["nodes"] if n.get("name") == name)
+
+
+def unindexed(primitive, packed):
+    del primitive["indices"]
+
+
+def as_strip(primitive, packed):
+    primitive["mode"] = 5
+
+
+def one_more(primitive, packed):
+    packed["_OTHER"] = 99
+
+
+@pytest.mark.filterwarnings("ignore:.*is written uncompressed")
+@pytest.mark.skipif(not HAS_DRACO, reason="DracoPy is not installed")
+@pytest.mark.parametrize("change", [unindexed, as_strip, one_more])
+def test_draco_in_all_its_ways_is_written_as_it_was_read(edited, tmp_path, shapes, change):
+    def all_of(told):
+        for primitive in (p for mesh in told["meshes"] for p in mesh["primitives"]):
+            packed = primitive["extensions"]["KHR_draco_mesh_compression"]
+            change(primitive, packed["attributes"])
+
+    rig = read_rig(edited(all_of, name="avatar_draco"), mesh="Head")
+    write_into(tmp_path / "new.glb", rig, shapes)
+    again = read_rig(tmp_path / "new.glb", mesh="Head")
+    np.testing.assert_array_equal(again.neutral.faces, rig.neutral.faces)
+    np.testing.assert_array_equal(again.neutral.vertices, rig.neutral.vertices)
+
+
+@pytest.mark.skipif(not HAS_DRACO, reason="DracoPy is not installed")
+@pytest.mark.parametrize("semantic", ["NORMAL", "TEXCOORD_0"])
+def test_draco_that_lacks_what_it_promises_is_refused_by_its_name(
+    edited, tmp_path, shapes, semantic
+):
+    def change(told):
+        (primitive,) = mesh_of(told)["primitives"]
+        primitive["extensions"]["KHR_draco_mesh_compression"]["attributes"][semantic] = 99
+        primitive["attributes"][semantic] = primitive["attributes"]["POSITION"]
+
+    rig = read_rig(edited(change, name="avatar_draco"), mesh="Head")
+    with pytest.raises(ValueError, match=f"Draco data that do not hold the .* {semantic}"):
+        write_into(tmp_path / "new.glb", rig, shapes)
+    assert not (tmp_path / "new.glb").exists()
 
 
 def test_primitives_that_share_their_vertices_share_new_shapes(edited, tmp_path, shapes):
