@@ -7,7 +7,18 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from facelab.cli import course
-from facelab.cli.batch import FAILED, STOPPED, WRONG, Report, UsageError, plan, run, told
+from facelab.cli.batch import (
+    FAILED,
+    STOPPED,
+    WRONG,
+    Report,
+    UsageError,
+    needed,
+    plan,
+    refuse_overwriting,
+    run,
+    told,
+)
 from facelab.cli.terminal import complain, hushed, spell_out
 
 COMMANDS = {
@@ -70,7 +81,10 @@ def _command(argv):
         options.inputs, options.out, endings, command.WRITES, options.to, report,
         together=getattr(command, "TOGETHER", False),
         folders_are_files=hasattr(command, "single") and command.single(options),
+        needs=needed(options),
     )  # fmt: skip
+    written = getattr(command, "written", lambda target: [target])
+    refuse_overwriting(jobs, written, options.report, options.out)
     with told(options.command):
         make = command.maker(options)
     if options.scheduler is None and options.workers is None:

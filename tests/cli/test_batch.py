@@ -129,6 +129,9 @@ def test_one_file_that_fails_is_one_line_without_a_traceback(folder, capsys):
         (["{in}/nowhere.obj", "-o", "{in}/x.ply"], "is not there"),
         (["{in}/a.obj", "-o", "{in}/a.obj"], "would overwrite"),
         (["{in}/a.obj", "-o", "{in}/a.stl"], "a result ends in"),
+        (["{in}/a.obj", "-o", "{in}/x.ply", "--report", "{in}/a.obj"], "would overwrite"),
+        (["{in}", "-o", "{in}/../out", "--report", "{in}/c.obj"], "would overwrite"),
+        (["{in}/a.obj", "-o", "{in}/x.ply", "--report", "{in}/X.ply"], "or a result"),
         (["{in}/a.obj", "-o", "{in}/a.ply", "--to", "glb"], "leave one of them out"),
         (["{in}/empty", "-o", "{in}/x"], "holds no file"),
         (["{in}/a.obj", "-o", "{in}/note.txt/x.ply"], "cannot be made"),
@@ -193,6 +196,16 @@ def test_a_folder_of_sources_is_done_only_as_long_as_nothing_in_it_is_newer(tmp_
     later = target.stat().st_mtime + 10
     os.utime(shapes / "smile.obj", (later, later))
     assert not Job((shapes,), target).done
+
+
+def test_a_result_is_made_anew_when_a_file_that_an_option_names_is_newer(tmp_path):
+    take, rig, target = (tmp_path / name for name in ("take.csv", "rig.npz", "made.csv"))
+    for path in (take, rig, target):
+        path.write_text("there")
+    assert Job((take,), target, (rig,)).done
+    later = target.stat().st_mtime + 10
+    os.utime(rig, (later, later))
+    assert not Job((take,), target, (rig,)).done
 
 
 # --- as a process ---------------------------------------------------------------------------------

@@ -396,3 +396,42 @@ def test_motion_becomes_glb_and_nothing_else(motion_file, run, tmp_path, capsys)
     assert run("convert", path, "-o", tmp_path / "take.glb", "--modes", 12)["modes_rms_mm"] < 0.1
     assert main(["convert", str(path), "-o", str(tmp_path / "take.obj")]) == 1
     assert "holds a motion" in capsys.readouterr().err
+
+
+# --- what is read is not written over -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("report", [False, True])
+def test_a_rig_that_is_read_is_never_written_over(rig, rig_file, rng, tmp_path, capsys, report):
+    take = WeightSequence(rng.uniform(0, 1, (20, len(rig.names))), rig.names, 30.0)
+    files.write_weights_csv(tmp_path / "take.csv", take)
+    kept = rig_file.read_bytes()
+    out = ["-o", tmp_path / "new.npz", "--report", rig_file] if report else ["-o", rig_file]
+    arguments = ["train", tmp_path / "take.csv", "--rig", rig_file, "--again", *out]
+    assert main(list(map(str, arguments))) == 2
+    assert "would overwrite" in capsys.readouterr().err and rig_file.read_bytes() == kept
+
+
+def test_no_mesh_is_put_among_the_shapes_of_a_rig(rig, tmp_path, capsys):
+    (tmp_path / "shapes").mkdir()
+    files.write_obj(tmp_path / "shapes" / "neutral.obj", rig.neutral)
+    (tmp_path / "pose.json").write_text("{}")
+    for name, words in (("neutral", "would overwrite"), ("new", "among the shapes of a rig")):
+        out = tmp_path / "shapes" / f"{name}.obj"
+        arguments = ["pose", tmp_path / "pose.json", "--rig", tmp_path / "shapes", "-o", out]
+        assert main(list(map(str, arguments))) == 2
+        assert words in capsys.readouterr().err
+
+
+def test_the_coloured_face_of_regions_takes_no_other_mesh_its_place(motion_file, tmp_path, capsys):
+    path, motion, _ = motion_file
+    files.write_ply(tmp_path / "face.ply", motion.mesh)
+    kept = (tmp_path / "face.ply").read_bytes()
+    arguments = ["segment", path, "-o", tmp_path / "face.json", "--regions", 4]
+    assert main(list(map(str, arguments))) == 1
+    assert "face.ply is there" in capsys.readouterr().err
+    assert (tmp_path / "face.ply").read_bytes() == kept
+    named = [*arguments, "--template", tmp_path / "face.ply", "--again"]
+    assert main(list(map(str, named))) == 2
+    assert (tmp_path / "face.ply").read_bytes() == kept
+    assert main(list(map(str, [*arguments, "--again"]))) == 0
