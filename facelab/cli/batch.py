@@ -224,7 +224,7 @@ def _identity(path):
 
 def _files_of(folder, endings, report):
     """The files of a folder that have one of the endings, hidden ones left alone."""
-    found = sorted(f for f in folder.iterdir() if f.is_file() and f.name[0] != ".")
+    found = sorted(f for f in folder.iterdir() if not f.is_dir() and f.name[0] != ".")
     good = [f for f in found if f.suffix.lower() in endings]
     report.passed_over += [str(f) for f in found if f not in good]
     if not good:
@@ -253,7 +253,7 @@ def run(jobs, make, report, options, doing=None):
     if options.report is not None:
         _for_writing(options.report)
     for folder in {job.target.parent for job in jobs}:
-        _make_folder(folder)
+        make_folder(folder)
     left = _left(jobs, report, options)
     doing = doing or (lambda jobs: ((job, attempt(job, make)) for job in jobs))
     done = len(jobs) - len(left)
@@ -292,7 +292,8 @@ def _left(jobs, report, options):
     return left
 
 
-def _make_folder(folder):
+def make_folder(folder):
+    """Make a folder if it is not there; refused as wrong usage where that cannot be."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

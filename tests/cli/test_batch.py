@@ -148,6 +148,16 @@ def test_wrong_usage_ends_with_2_before_anything_is_written(folder, more, what, 
     assert sorted(folder.rglob("*")) == before
 
 
+def test_a_link_that_leads_nowhere_and_a_pipe_are_failed_files(folder):
+    (folder / "lost.obj").symlink_to(folder / "nowhere.obj")
+    os.mkfifo(folder / "pipe.obj")
+    (folder / "sub.obj").mkdir()
+    code, report, _ = convert_all(folder)
+    assert code == 1 and len(report["done"]) == 2
+    failed = [entry["input"] for entry in report["failed"]]
+    assert failed == [str(folder / name) for name in ("b.obj", "lost.obj", "pipe.obj")]
+
+
 def test_two_files_that_would_become_one_are_refused_by_name(folder, capsys):
     (folder / "b.obj").unlink()
     files.write_ply(folder / "A.ply", grid_mesh(9, 9, 15.0))

@@ -435,3 +435,51 @@ def test_the_coloured_face_of_regions_takes_no_other_mesh_its_place(motion_file,
     assert main(list(map(str, named))) == 2
     assert (tmp_path / "face.ply").read_bytes() == kept
     assert main(list(map(str, [*arguments, "--again"]))) == 0
+
+
+# --- options that would change nothing ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["convert", "face.obj", "-o", "x.ply", "--unit", "cm"], "--unit: of no use"),
+        (["convert", "take.csv", "-o", "x.csv", "--scale", "10"], "the result is CSV"),
+        (["convert", "take.csv", "-o", "x.csv", "--mesh", "Head"], "--mesh"),
+        (["convert", "rig.npz", "-o", "x.glb", "--rig", "--modes", "3"], "--modes"),
+        (["convert", "face.obj", "-o", "x.glb", "--fps", "30"], "result is GLB"),
+        (["train", "motion.npz", "-o", "x.npz", "--scale", "3"], "--scale: that is for a --rig"),
+        (["segment", "take.csv", "--rig", "rig.npz", "-o", "x.npz", "--unit", "cm"], "--unit"),
+        (
+            ["pose", "p.json", "--model", "rig.npz", "-o", "x.obj", "--mesh", "Head"],
+            "not for a --model",
+        ),
+        (["read-units", "face.obj", "--rig", "rig.npz", "-o", "x.csv", "--alpha", "3"], "--lam"),
+    ],
+)
+def test_an_option_that_would_change_nothing_is_wrong_usage(
+    rig_file, tmp_path, monkeypatch, capsys, arguments, words
+):
+    for name in ("face.obj", "take.csv", "motion.npz", "p.json"):
+        (tmp_path / name).write_text("there")
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    assert main(arguments) == 2
+    assert words in capsys.readouterr().err and sorted(tmp_path.iterdir()) == before
+
+
+def test_a_motion_is_neither_aligned_nor_scaled(rig, rig_file, motion_file, tmp_path, capsys):
+    path = motion_file[0]
+    units = ["read-units", path, "--rig", rig_file, "-o", tmp_path / "x.csv"]
+    glb = ["convert", path, "-o", tmp_path / "x.glb"]
+    for arguments in ([*units, "--align"], [*units, "--sketch-scale", 10], [*glb, "--scale", 10]):
+        assert main(list(map(str, arguments))) == 1
+        assert "is a motion" in capsys.readouterr().err
+
+
+def test_a_folder_whose_name_ends_like_a_file_is_a_folder(rig, run, tmp_path):
+    (tmp_path / "in").mkdir()
+    files.write_obj(tmp_path / "in" / "face.obj", rig.neutral)
+    (tmp_path / "made.csv").mkdir()
+    run("convert", tmp_path / "in", "-o", tmp_path / "made.csv")
+    assert [f.name for f in (tmp_path / "made.csv").iterdir()] == ["face.glb"]
