@@ -21,7 +21,8 @@ NAMED = ("rig", "template", "landmarks", "rest", "model", "source", "into")
 DONE, FAILED, WRONG, STOPPED = 0, 1, 2, 130
 """Exit codes: all done, some failed, wrong usage, stopped by Ctrl+C."""
 
-_EXPECTED = (ValueError, TypeError, OSError, RuntimeError, MemoryError)
+EXPECTED = (ValueError, TypeError, OSError, RuntimeError, MemoryError)
+"""What files and arguments may cause; all else is a fault of ours."""
 
 
 class UsageError(Exception):
@@ -276,6 +277,19 @@ def run(jobs, make, report, options, doing=None):
     return report.exit_code
 
 
+def fail_all(jobs, error, report, options):
+    """Say why no job can be begun (a rig that cannot be read), in the report too: the exit code."""
+    if options.report is not None:
+        _for_writing(options.report)
+    complain(f"facelab: {_reason(error)}")
+    for job in jobs:
+        entry = {"input": job.label, "output": str(job.target)}
+        report.failed.append(entry | {"reason": plain(_reason(error)), "warnings": []})
+    if options.report is not None:
+        report.write(options.report)
+    return report.exit_code
+
+
 def _left(jobs, report, options):
     """The jobs that are to be done; those done before and those that clash are reported."""
     taken, left = {}, []
@@ -326,7 +340,7 @@ def attempt(job, make):
     with heard() as said:
         try:
             numbers = _ready(make(job))
-        except _EXPECTED as error:
+        except EXPECTED as error:
             why = _reason(error)
         except Exception as error:  # a fault of facelab's: the rest goes on all the same
             why = f"a fault of facelab itself, please report it: {type(error).__name__}: {error}"

@@ -8,11 +8,13 @@ from pathlib import Path
 
 from facelab.cli import course
 from facelab.cli.batch import (
+    EXPECTED,
     FAILED,
     STOPPED,
     WRONG,
     Report,
     UsageError,
+    fail_all,
     needed,
     plan,
     refuse_overwriting,
@@ -85,8 +87,11 @@ def _command(argv):
     )  # fmt: skip
     written = getattr(command, "written", lambda target: [target])
     refuse_overwriting(jobs, written, options.report, options.out)
-    with told(options.command):
-        make = command.maker(options)
+    try:
+        with told(options.command):
+            make = command.maker(options)
+    except EXPECTED as error:
+        return fail_all(jobs, error, report, options)
     if options.scheduler is None and options.workers is None:
         return run(jobs, make, report, options)
     from facelab.cli.spread import on_workers

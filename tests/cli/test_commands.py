@@ -437,6 +437,18 @@ def test_the_coloured_face_of_regions_takes_no_other_mesh_its_place(motion_file,
     assert main(list(map(str, [*arguments, "--again"]))) == 0
 
 
+def test_a_rig_that_cannot_be_read_stands_in_the_report_of_every_file(rig, tmp_path, capsys):
+    for name in "ab":
+        files.write_obj(tmp_path / f"{name}.obj", rig.neutral)
+    (tmp_path / "rig.npz").write_text("no rig")
+    paths = [tmp_path / name for name in ("a.obj", "b.obj", "rig.npz", "made", "report.json")]
+    a, b, broken, made, report = map(str, paths)
+    assert main(["read-units", a, b, "--rig", broken, "-o", made, "--report", report]) == 1
+    assert capsys.readouterr().err.count("rig.npz") == 1
+    failed = json.loads(paths[-1].read_text())["failed"]
+    assert [entry["input"] for entry in failed] == [a, b] and "rig.npz" in failed[1]["reason"]
+
+
 # --- options that would change nothing ------------------------------------------------------------
 
 
