@@ -38,6 +38,8 @@ class GltfEdit(GltfPieces):
     ----------
     n_vertices, n_targets : int
         Of that part, before anything was added.
+    vertices : ndarray of shape (n_vertices, 3)
+        Where the scene places them, metres.
     unpacked : tuple of str
         Extensions of compression that the file used; it is saved without them.
     """
@@ -48,7 +50,8 @@ class GltfEdit(GltfPieces):
         k = scene.find(mesh)
         self._part = scene.part(k)
         self._node, self._mesh = scene.place(k)
-        self.n_vertices, self.n_targets = len(self._part.vertices), scene.n_targets(k)
+        self.vertices = self._part.vertices
+        self.n_vertices, self.n_targets = len(self.vertices), scene.n_targets(k)
         super().__init__(copy.deepcopy(self._data.json.value))
         self._names = list(self._part.names)
         self._new, self._animation = [], None

@@ -483,6 +483,27 @@ def test_a_file_that_has_changed_since_is_refused(tmp_path, shapes):
         write_into(path, rig, shapes)
 
 
+@pytest.mark.parametrize("way", ["another order", "another unit"])
+def test_a_file_whose_vertices_have_changed_is_refused(folder, tmp_path, rng, way):
+    mesh = grid_mesh(6, 5, spacing=30.0)
+    deltas = rng.normal(size=(1, 30, 3))
+    glb, new = tmp_path / "face.glb", tmp_path / "new.glb"
+    write_glb(glb, mesh, deltas, ["a"])
+    rig, of_folder = read_rig(glb), read_rig(folder)
+    if way == "another order":
+        write_glb(glb, type(mesh)(mesh.vertices[::-1], 29 - mesh.faces), deltas[:, ::-1], ["a"])
+        turned = REST.replace("v 50 200", "v 51 200")
+    else:
+        write_glb(glb, mesh.with_vertices(2 * mesh.vertices), deltas, ["a"])
+        turned = REST.replace("v 50 200", "v 100 400")
+    with pytest.raises(ValueError, match=r"vertices lie up to .* mm from those of the rig"):
+        write_into(new, rig, {"b": deltas[0]})
+    (folder / "neutral.obj").write_text(turned)
+    with pytest.raises(ValueError, match=r"vertices lie up to .* mm from those of the rig"):
+        write_into(tmp_path / "out", of_folder, {"b": np.ones((5, 3))})
+    assert not new.exists() and not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("name", ["neutral", "NEUTRAL", "Smile"])
 def test_shapes_beside_the_face_at_rest_do_not_write_over_others(folder, name):
     before = {f.name: f.read_bytes() for f in folder.iterdir()}
