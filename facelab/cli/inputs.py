@@ -151,8 +151,8 @@ class Takes:
 def path_of(text):
     """The path of an option as a Path, refused if nothing is there."""
     path = Path(text)
-    if not path.exists():
-        raise UsageError(f"{path} is not there.")
+    if not text or not path.exists():
+        raise UsageError(f"{text or 'a file without a name'} is not there.")
     return path
 
 

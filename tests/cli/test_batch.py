@@ -137,6 +137,8 @@ def test_one_file_that_fails_is_one_line_without_a_traceback(folder, capsys):
         (["{in}/a.obj", "-o", "{in}/note.txt/x.ply"], "cannot be made"),
         (["{in}/a.obj", "-o", "{in}/x.ply", "--report", "{in}/no/r.json"], "--report"),
         (["{in}/a.obj"], "required"),
+        (["", "-o", "{in}/x.ply"], "the name is empty"),
+        (["{in}/a.obj", "-o", ""], "the name is empty"),
         (["{in}/a.obj", "-o", "{in}/x.ply", "--frob"], "unrecognized"),
     ],
 )
