@@ -15,10 +15,14 @@ from tqdm import tqdm
 from facelab.cli.terminal import complain, plain, say, watched
 from facelab.storage import atomic_path, check_writable
 
+NAMED = ("rig", "template", "landmarks", "rest", "model", "source", "into")
+"""Options that name a file to be read, beside the inputs."""
+
 DONE, FAILED, WRONG, STOPPED = 0, 1, 2, 130
 """Exit codes: all done, some failed, wrong usage, stopped by Ctrl+C."""
 
-_EXPECTED = (ValueError, TypeError, OSError, RuntimeError, MemoryError)
+EXPECTED = (ValueError, TypeError, OSError, RuntimeError, MemoryError)
+"""What files and arguments may cause; all else is a fault of ours."""
 
 
 class UsageError(Exception):
@@ -27,17 +31,22 @@ class UsageError(Exception):
 
 @dataclass(frozen=True)
 class Job:
-    """One result: the files (or folders) that it is made from, and where it goes."""
+    """One result: the files (or folders) that it is made from, and where it goes.
+
+    `needs` are files that options name: a rig, a template.
+    """
 
     sources: tuple
     target: Path
+    needs: tuple = ()
 
     @property
     def done(self):
         """Whether the result is there, and not older than what it is made from."""
         try:
             made = self.target.stat().st_mtime
-            parts = [p for s in self.sources for p in (s, *(s.glob("*") if s.is_dir() else ()))]
+            read = (*self.sources, *self.needs)
+            parts = [p for s in read for p in (s, *(s.glob("*") if s.is_dir() else ()))]
             return self.target.is_file() and all(p.stat().st_mtime <= made for p in parts)
         except OSError:  # not there, or not to be looked at: to be done, or to be told why not
             return False
@@ -107,7 +116,9 @@ def _ready(value):
 # --- from arguments to jobs -----------------------------------------------------------------------
 
 
-def plan(inputs, out, endings, results, to, report, together=False, folders_are_files=False):
+def plan(
+    inputs, out, endings, results, to, report, together=False, folders_are_files=False, needs=()
+):  # fmt: skip
     """The jobs that arguments ask for.
 
     Parameters
@@ -128,6 +139,8 @@ def plan(inputs, out, endings, results, to, report, together=False, folders_are_
         All inputs make one result where `out` is a file.
     folders_are_files : bool, default=False
         A folder is one input, such as a rig as OBJ files.
+    needs : tuple of Path, default=()
+        Files that all results are made from too.
 
     Raises
     ------
@@ -147,7 +160,7 @@ def plan(inputs, out, endings, results, to, report, together=False, folders_are_
     if is_file and (together or not many):
         if to is not None and out.suffix.lower() != f".{to}":
             raise UsageError(f"--to {to} does not go with -o {out}; leave one of them out.")
-        jobs = [Job(tuple(files), out)]
+        jobs = [Job(tuple(files), out, needs)]
     elif is_file:
         raise UsageError(f"-o {out} is one file, but there are several inputs: name a folder.")
     elif out.suffix and not out.is_dir() and not many:
@@ -155,17 +168,64 @@ def plan(inputs, out, endings, results, to, report, together=False, folders_are_
         raise UsageError(f"-o {out}: a result ends in {kinds}; the name of a folder in none.")
     else:
         ending = results[0] if to is None else f".{to}"
-        jobs = [Job((f,), out / f"{f.stem}{ending}") for f in files]
-    there = [job for job in jobs if job.target.exists()]
-    same = [j.target for j in there if any(j.target.samefile(s) for s in j.sources)]
+        jobs = [Job((f,), out / f"{f.stem}{ending}", needs) for f in files]
+    return jobs
+
+
+def refuse_overwriting(jobs, written, report, out):
+    """Refuse results that would take the place of what is read, and a report in that of either.
+
+    Parameters
+    ----------
+    jobs : list of Job
+    written : callable
+        Takes the target of a job: all files that it writes.
+    report : Path or None
+    out : Path
+        As it was given, for the message.
+
+    Raises
+    ------
+    UsageError
+    """
+    paths = {p for job in jobs for p in (*job.sources, *job.needs)}
+    folders = [p for p in paths if p.is_dir()]
+    shapes = [f for p in folders for f in p.iterdir() if f.suffix.lower() == ".obj"]
+    read = {_identity(p) for p in (*paths, *shapes)}
+    results = [p for job in jobs for p in written(job.target)]
+    same = [p for p in results if _identity(p) in read]
     if same:
         raise UsageError(f"-o {out} would overwrite {same[0]}, which is read; choose another.")
-    return jobs
+    among = {_identity(p) for p in folders}
+    more = [p for p in results if p.suffix.lower() == ".obj" and _identity(p.parent) in among]
+    if more:
+        raise UsageError(
+            f"-o {out} would put {more[0].name} among the shapes of a rig; choose another folder."
+        )
+    if report is not None and _identity(report) in read | {_identity(p) for p in results}:
+        raise UsageError(
+            f"--report {report} would overwrite a file that is read, or a result; choose another."
+        )
+
+
+def needed(options):
+    """The files that options name, to be read beside the inputs: tuple of Path."""
+    named = [getattr(options, name, None) for name in NAMED]
+    return tuple(Path(path) for path in named if isinstance(path, str))
+
+
+def _identity(path):
+    """What all names of a file have in common."""
+    try:
+        found = path.stat()
+        return found.st_dev, found.st_ino
+    except OSError:  # not there yet
+        return str(path.resolve()).casefold()
 
 
 def _files_of(folder, endings, report):
     """The files of a folder that have one of the endings, hidden ones left alone."""
-    found = sorted(f for f in folder.iterdir() if f.is_file() and f.name[0] != ".")
+    found = sorted(f for f in folder.iterdir() if not f.is_dir() and f.name[0] != ".")
     good = [f for f in found if f.suffix.lower() in endings]
     report.passed_over += [str(f) for f in found if f not in good]
     if not good:
@@ -194,7 +254,7 @@ def run(jobs, make, report, options, doing=None):
     if options.report is not None:
         _for_writing(options.report)
     for folder in {job.target.parent for job in jobs}:
-        _make_folder(folder)
+        make_folder(folder)
     left = _left(jobs, report, options)
     doing = doing or (lambda jobs: ((job, attempt(job, make)) for job in jobs))
     done = len(jobs) - len(left)
@@ -217,6 +277,19 @@ def run(jobs, make, report, options, doing=None):
     return report.exit_code
 
 
+def fail_all(jobs, error, report, options):
+    """Say why no job can be begun (a rig that cannot be read), in the report too: the exit code."""
+    if options.report is not None:
+        _for_writing(options.report)
+    complain(f"facelab: {_reason(error)}")
+    for job in jobs:
+        entry = {"input": job.label, "output": str(job.target)}
+        report.failed.append(entry | {"reason": plain(_reason(error)), "warnings": []})
+    if options.report is not None:
+        report.write(options.report)
+    return report.exit_code
+
+
 def _left(jobs, report, options):
     """The jobs that are to be done; those done before and those that clash are reported."""
     taken, left = {}, []
@@ -233,7 +306,8 @@ def _left(jobs, report, options):
     return left
 
 
-def _make_folder(folder):
+def make_folder(folder):
+    """Make a folder if it is not there; refused as wrong usage where that cannot be."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -266,7 +340,7 @@ def attempt(job, make):
     with heard() as said:
         try:
             numbers = _ready(make(job))
-        except _EXPECTED as error:
+        except EXPECTED as error:
             why = _reason(error)
         except Exception as error:  # a fault of facelab's: the rest goes on all the same
             why = f"a fault of facelab itself, please report it: {type(error).__name__}: {error}"

@@ -2,7 +2,7 @@
 
 from facelab import files
 from facelab.cli.batch import UsageError
-from facelab.cli.inputs import MARKERS, MESHES, RIGS, WEIGHTS
+from facelab.cli.inputs import MARKERS, MESHES, RIGS, WEIGHTS, refuse_unused
 from facelab.cli.pose import WRITERS
 
 EXAMPLE = """\
@@ -17,6 +17,8 @@ examples:
 """
 READS = tuple(dict.fromkeys(MESHES + WEIGHTS + MARKERS))
 WRITES = (".glb", ".obj", ".ply", ".csv", ".c3d", ".npz")
+_USED = {".csv": ("fps", "live_link"), ".c3d": ("unit", "fps", "subject")}
+_OF_SHAPES = ("mesh", "scale", "rig")
 
 
 def reads(options):
@@ -33,7 +35,10 @@ def single(options):
 
 
 def _ending(options):
-    return f".{options.to}" if options.to else options.out.suffix.lower() or WRITES[0]
+    if options.to:
+        return f".{options.to}"
+    ending = options.out.suffix.lower()
+    return ending if ending in WRITES and not options.out.is_dir() else WRITES[0]
 
 
 def add_options(parser):
@@ -45,13 +50,20 @@ def add_options(parser):
     parser.add_argument("--unit", choices=("mm", "cm", "dm", "m", "in", "ft"), help="of markers")
     parser.add_argument("--fps", type=float, metavar="RATE", help="where the file says none")
     parser.add_argument("--subject", metavar="NAME", help="only markers of this subject")
-    parser.add_argument("--modes", type=int, default=30, help="targets of a motion as GLB")
+    parser.add_argument("--modes", type=int, help="targets of a motion as GLB (30)")
 
 
 def maker(options):
     """What does one job."""
-    if options.live_link and _ending(options) != ".csv":
+    ending = _ending(options)
+    if options.live_link and ending != ".csv":
         raise UsageError("--live-link is a kind of CSV; write that with --to csv, or -o NAME.csv.")
+    used = _USED.get(ending, _OF_SHAPES)
+    if ending == ".glb" and not options.rig:
+        used += ("modes",)
+    odd = {"modes", *_OF_SHAPES}.union(*_USED.values()).difference(used)
+    why = f"of no use where the result is {ending[1:].upper()}; leave it out."
+    refuse_unused(options, sorted(odd), why)
 
     def make(job):
         path, kind = job.sources[0], job.target.suffix.lower()
@@ -112,6 +124,8 @@ def _of_npz(path, target, options):
             f"{path} holds {held}; a motion becomes GLB, a rig GLB or npz (with --rig), weights "
             "CSV, markers C3D."
         )
+    if options.mesh is not None or options.scale is not None:
+        raise ValueError(f"{path} is a motion, in millimetres; leave out --mesh and --scale.")
     motion = files.read_motion(path)
-    rms = files.write_motion_glb(target, motion, options.modes)
+    rms = files.write_motion_glb(target, motion, 30 if options.modes is None else options.modes)
     return {"frames": motion.n_frames, "modes_rms_mm": rms}

@@ -3,6 +3,7 @@
 Both come with the package, as data of its installation; in a source tree they are at its root.
 """
 
+import argparse
 import os
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 import facelab
-from facelab.cli.batch import DONE, FAILED, STOPPED
+from facelab.cli.batch import DONE, FAILED, STOPPED, make_folder
 from facelab.cli.terminal import complain, say
 from facelab.storage import atomic_path
 
@@ -43,8 +44,15 @@ def add_commands(add):
         parser = add(name, text, example)
         parser.add_argument("folder", nargs="?", type=Path, default=Path(FOLDER))
         parser.add_argument("--no-browser", action="store_true", help="only say the address")
-        parser.add_argument("--port", type=int, help="the next free one from 8888 if left out")
+        parser.add_argument("--port", type=_port, help="the next free one from 8888 if left out")
         parser.add_argument("--only-copy", action="store_true", help="and start nothing")
+
+
+def _port(text):
+    port = int(text)
+    if not 1 <= port <= 65535:
+        raise argparse.ArgumentTypeError(f"{port} is no port; give one from 1024 to 65535")
+    return port
 
 
 def lab(options):
@@ -108,7 +116,7 @@ def copied(sources, folder):
     new, kept : list of str
         Names of those that were copied, and of those that are there and differ from ours.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     new, kept = [], []
     for source in sources:
         target, ours = folder / source.name, source.read_bytes()
@@ -116,7 +124,7 @@ def copied(sources, folder):
             with atomic_path(target) as part:
                 part.write_bytes(ours)
             new.append(source.name)
-        elif target.read_bytes() != ours:
+        elif not target.is_file() or target.read_bytes() != ours:
             kept.append(source.name)
     if new:
         say(f"{folder}: {len(new)} copied")

@@ -50,6 +50,14 @@ def add_rig_options(parser, required=False):
 # --- reading --------------------------------------------------------------------------------------
 
 
+def refuse_unused(options, names, why):
+    """Refuse options that are given where they would change nothing; `why` says so."""
+    given = [n for n in names if not any(getattr(options, n) is v for v in (None, False))]
+    if given:
+        said = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise UsageError(f"{said}: {why}")
+
+
 class Takes:
     """Reads takes as options say, and knows the face that goes with them."""
 
@@ -59,6 +67,11 @@ class Takes:
             raise UsageError("--rig is for weights and --template for markers; give one of them.")
         if options.landmarks and not options.template:
             raise UsageError("--landmarks names vertices of a --template: give that too.")
+        if getattr(options, "rig", None):
+            how = ("unit", "subject", "rest")
+            refuse_unused(options, how, "that is for takes of markers, but --rig is for weights.")
+        elif hasattr(options, "rig"):
+            refuse_unused(options, ("mesh", "scale"), "that is for a --rig: give that too.")
         self.rig = read_rig(options) if getattr(options, "rig", None) else None
         self.template = self._read_template() if options.template else None
         self._rest = path_of(options.rest) if options.rest else None
@@ -138,8 +151,8 @@ class Takes:
 def path_of(text):
     """The path of an option as a Path, refused if nothing is there."""
     path = Path(text)
-    if not path.exists():
-        raise UsageError(f"{path} is not there.")
+    if not text or not path.exists():
+        raise UsageError(f"{text or 'a file without a name'} is not there.")
     return path
 
 

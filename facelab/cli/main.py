@@ -7,7 +7,20 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from facelab.cli import course
-from facelab.cli.batch import FAILED, STOPPED, WRONG, Report, UsageError, plan, run, told
+from facelab.cli.batch import (
+    EXPECTED,
+    FAILED,
+    STOPPED,
+    WRONG,
+    Report,
+    UsageError,
+    fail_all,
+    needed,
+    plan,
+    refuse_overwriting,
+    run,
+    told,
+)
 from facelab.cli.terminal import complain, hushed, spell_out
 
 COMMANDS = {
@@ -70,9 +83,15 @@ def _command(argv):
         options.inputs, options.out, endings, command.WRITES, options.to, report,
         together=getattr(command, "TOGETHER", False),
         folders_are_files=hasattr(command, "single") and command.single(options),
+        needs=needed(options),
     )  # fmt: skip
-    with told(options.command):
-        make = command.maker(options)
+    written = getattr(command, "written", lambda target: [target])
+    refuse_overwriting(jobs, written, options.report, options.out)
+    try:
+        with told(options.command):
+            make = command.maker(options)
+    except EXPECTED as error:
+        return fail_all(jobs, error, report, options)
     if options.scheduler is None and options.workers is None:
         return run(jobs, make, report, options)
     from facelab.cli.spread import on_workers
@@ -105,12 +124,12 @@ def _parser(argv):
             continue
         command = _module(name)
         own = _add(commands, name, text, command.EXAMPLE)
-        own.add_argument("inputs", nargs="+", type=Path, metavar="INPUT", help="files or folders")
-        own.add_argument("-o", "--out", type=Path, required=True, help="a file or a folder")
+        own.add_argument("inputs", nargs="+", type=_path, metavar="INPUT", help="files or folders")
+        own.add_argument("-o", "--out", type=_path, required=True, help="a file or a folder")
         kinds = [ending[1:] for ending in command.WRITES]
         own.add_argument("--to", choices=kinds, help=f"kind of results in a folder ({kinds[0]})")
         own.add_argument("--again", action="store_true", help="make what is there anew")
-        own.add_argument("--report", type=Path, metavar="JSON", help="what became of each file")
+        own.add_argument("--report", type=_path, metavar="JSON", help="what became of each file")
         own.add_argument("--quiet", action="store_true", help="only say what failed, and the sum")
         many = own.add_argument_group("many processes or machines (pip install 'facelab[scale]')")
         many.add_argument("--workers", type=int, metavar="N", help="processes on this machine")
@@ -118,6 +137,12 @@ def _parser(argv):
         command.add_options(own)
     course.add_commands(lambda name, text, example: _add(commands, name, text, example))
     return parser
+
+
+def _path(text):
+    if not text:  # a variable of the shell that is not set: it would be the folder one is in
+        raise argparse.ArgumentTypeError("the name is empty")
+    return Path(text)
 
 
 def _add(commands, name, text, example):

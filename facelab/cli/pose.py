@@ -2,7 +2,7 @@
 
 from facelab import files
 from facelab.cli.batch import UsageError
-from facelab.cli.inputs import add_rig_options, path_of, read_model, read_rig
+from facelab.cli.inputs import add_rig_options, path_of, read_model, read_rig, refuse_unused
 from facelab.files.json_items import load_json
 from facelab.posing import PosingSession
 from facelab.storage import existing_file
@@ -33,6 +33,7 @@ def maker(options):
         rig = read_rig(options)
         parts = rig, rig.neutral, None
     else:
+        refuse_unused(options, ("mesh", "scale"), "that is for a --rig, not for a --model.")
         parts = read_model(path_of(options.model))
     model, neutral, binding = parts
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from facelab import files
+from facelab.cli.batch import UsageError
 from facelab.cli.inputs import MESHES, add_rig_options, read_rig
 from facelab.expression import (
     find_units,
@@ -45,6 +46,8 @@ def add_options(parser):
 
 def maker(options):
     """What does one job."""
+    if options.alpha and not options.lam:
+        raise UsageError("--alpha is weighed by --lam, which is 0: give that too.")
     rig = read_rig(options)
     basis = prepare_units(rig)
     bounds = None if options.free else (0, 1)
@@ -52,6 +55,11 @@ def maker(options):
     def make(job):
         path = job.sources[0]
         if path.suffix.lower() == ".npz":
+            if options.align or options.sketch_scale is not None:
+                raise ValueError(
+                    f"{path} is a motion, but --align and --sketch-scale are for sketches; read it "
+                    "without them."
+                )
             motion = files.read_motion(path)
             take = regress_sequence(
                 basis, motion, options.lam, options.alpha, bounds, options.smooth

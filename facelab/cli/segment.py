@@ -33,11 +33,22 @@ def add_options(parser):
     parser.add_argument("--seed", type=int, default=0)
 
 
+def written(target):
+    """All files of a result: the labels and the face in their colours."""
+    return [target, target.with_suffix(".ply")]
+
+
 def maker(options):
     """What does one job."""
     takes = Takes(options)
 
     def make(job):
+        picture = written(job.target)[1]
+        if picture.exists() and not job.target.exists() and not options.again:
+            raise ValueError(
+                f"{picture} is there and would be overwritten by the face in its colours; give "
+                "the result another name, or --again."
+            )
         motion, neutral, samples = takes.control(job.sources[0], options.control)
         if options.noise:
             motion = motion.with_noise(options.noise, options.seed)
@@ -47,7 +58,7 @@ def maker(options):
             progress=watched(options),
         )  # fmt: skip
         whole = cut if motion.mesh is neutral else cut.carried_to(neutral, samples)
-        _draw(job.target.with_suffix(".ply"), whole)
+        _draw(picture, whole)
         if job.target.suffix.lower() == ".json":
             _write_json(job.target, whole, cut.why)
         else:

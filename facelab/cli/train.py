@@ -41,6 +41,11 @@ def add_options(parser):
     parser.add_argument("--seed", type=int, default=0)
 
 
+def written(target):
+    """All files of a result: the model and its face."""
+    return [target, face_beside(target)]
+
+
 def maker(options):
     """What does one job."""
     takes = Takes(options)

@@ -314,12 +314,7 @@ class GltfData:
         count = self.count(attributes.index("POSITION", accessors))
         index, packed = attributes.index(semantic, accessors), self.draco(primitive)
         if packed and semantic in packed[1]:
-            found = packed[0].get_attribute_by_unique_id(packed[1].whole(semantic))
-            array = None if found is None else np.asarray(found["data"])
-            if array is None or array.shape != (count, _WIDTHS[kind]):
-                raise primitive.damaged(
-                    f"has Draco data that do not hold the {count} {semantic} it promises"
-                )
+            array = self.drawn(primitive, semantic, _WIDTHS[kind])
             if wholes or array.dtype.kind == "f":
                 return array
             return self._numbers(accessors[index], array, array.dtype)
@@ -354,3 +349,17 @@ class GltfData:
                 raise packed.damaged("has Draco data that are damaged or hold no triangles")
             self._drawn[index] = mesh
         return self._drawn[index], packed.item("attributes")
+
+    def drawn(self, primitive, semantic, width=None):
+        """An attribute as Draco stores it, checked against what its accessor promises."""
+        attributes, accessors = primitive.item("attributes"), self.lists["accessors"]
+        count = self.count(attributes.index("POSITION", accessors))
+        width = width or _WIDTHS.get(accessors[attributes.index(semantic, accessors)].text("type"))
+        mesh, packed = self.draco(primitive)
+        found = mesh.get_attribute_by_unique_id(packed.whole(semantic))
+        array = None if found is None else np.asarray(found["data"])
+        if array is None or array.shape != (count, width):
+            raise primitive.damaged(
+                f"has Draco data that do not hold the {count} {semantic} it promises"
+            )
+        return array

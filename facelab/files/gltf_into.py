@@ -38,6 +38,8 @@ class GltfEdit(GltfPieces):
     ----------
     n_vertices, n_targets : int
         Of that part, before anything was added.
+    vertices : ndarray of shape (n_vertices, 3)
+        Where the scene places them, metres.
     unpacked : tuple of str
         Extensions of compression that the file used; it is saved without them.
     """
@@ -48,7 +50,8 @@ class GltfEdit(GltfPieces):
         k = scene.find(mesh)
         self._part = scene.part(k)
         self._node, self._mesh = scene.place(k)
-        self.n_vertices, self.n_targets = len(self._part.vertices), scene.n_targets(k)
+        self.vertices = self._part.vertices
+        self.n_vertices, self.n_targets = len(self.vertices), scene.n_targets(k)
         super().__init__(copy.deepcopy(self._data.json.value))
         self._names = list(self._part.names)
         self._new, self._animation = [], None
@@ -143,9 +146,10 @@ class GltfEdit(GltfPieces):
         mesh, attributes = self._data.draco(item)
         accessors = self.json["accessors"]
         for semantic in attributes.value:
-            found = mesh.get_attribute_by_unique_id(attributes.whole(semantic))
+            if semantic not in primitive["attributes"]:
+                continue
             at = accessors[primitive["attributes"][semantic]]
-            data = np.asarray(found["data"]).astype(COMPONENTS[at["componentType"]])
+            data = self._data.drawn(item, semantic).astype(COMPONENTS[at["componentType"]])
             width = -data.shape[1] * data.dtype.itemsize % 4  # rows begin at multiples of 4
             rows = np.zeros((len(data), data.shape[1] + width // data.dtype.itemsize), data.dtype)
             rows[:, : data.shape[1]] = data
@@ -155,6 +159,9 @@ class GltfEdit(GltfPieces):
             if width:
                 self.json["bufferViews"][at["bufferView"]]["byteStride"] = rows[0].nbytes
         index = np.asarray(mesh.faces, "<u4").ravel()
+        if "indices" not in primitive:
+            primitive["indices"] = self.append("accessors", {"count": len(index), "type": "SCALAR"})
+        primitive["mode"] = 4  # a strip too is unpacked as triangles
         at = accessors[primitive["indices"]]
         at |= {"componentType": UINT, "bufferView": self.view(index, ELEMENTS), "byteOffset": 0}
 

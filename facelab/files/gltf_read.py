@@ -380,6 +380,7 @@ class GltfScene:
                 "each needs the same. Export the file again."
             )
         n = max(counts, default=0)
+        told = []  # of the mesh, and of each primitive
         for owner in (mesh, *primitives):
             extras = owner.value.get("extras")
             if isinstance(extras, dict) and "targetNames" in extras:
@@ -389,8 +390,31 @@ class GltfScene:
                         f"has {len(names)} names, but the mesh {n} morph targets",
                         "extras.targetNames",
                     )
-                return list(names)
-        return [_name_of(target) for target in primitives[0].items("targets")]
+                told.append((owner, list(names)))
+        told += [(p, [_name_of(t) for t in p.items("targets")]) for p in primitives]
+        told = [(owner, names) for owner, names in told if any(names)]
+        for owner, names in told[1:]:
+            first, others = told[0][1], sorted(told[0][1])
+            if names != first and sorted(names) == others:
+                k = next(k for k in range(n) if names[k] != first[k])
+                raise ValueError(
+                    f"{self.path}: morph target {k} is {first[k]!r} in {told[0][0].place}, but "
+                    f"{names[k]!r} in {owner.place}; all need one order. Export the file again."
+                )
+        return told[0][1] if told else self._stored_names(primitives, n)
+
+    def _stored_names(self, primitives, n):
+        """Names of the data of the morph targets, which some converters write in place of theirs.
+
+        Empty strings where the primitives do not agree on them, or one is there twice.
+        """
+        accessors, found = self.data.lists["accessors"], []
+        for primitive in primitives:
+            targets = [t for t in primitive.items("targets") if "POSITION" in t]
+            found.append([accessors[t.index("POSITION", accessors)].text("name") for t in targets])
+        first = found[0] if found else []
+        agreed = len(set(first)) == n and None not in first and all(f == first for f in found)
+        return first if agreed else [""] * n
 
     def weights_at_rest(self, k, names):
         """What the file shows of part k's morph targets before anything moves: dict of weights."""

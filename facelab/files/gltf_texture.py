@@ -60,6 +60,12 @@ def _look(data, primitive):
         return None
     place = material.item("baseColorTexture")
     texture = textures[place.index("index", textures)]
+    others = list(texture.item("extensions").value)
+    if others and "source" not in texture:
+        raise ValueError(
+            f"{data.path}: {texture.place} has its picture as {', '.join(others)} alone, which is "
+            "not read; export the file with PNG or JPEG."
+        )
     return texture.index("source", data.json.items("images")), place, material
 
 

@@ -17,6 +17,9 @@ _VERTEX = re.compile(
     rb"((?:\xef\xbb\xbf)?[ \t]*v[ \t]+)(\S+)([ \t]+)(\S+)([ \t]+)(\S+)(.*)", re.DOTALL
 )
 _GLTF = (".glb", ".gltf", ".vrm")
+_MOVED = (
+    0.01  # mm: a file whose vertices lie further off has changed; seams were closed within less
+)
 
 
 def write_into(path, rig, shapes=None, take=None):
@@ -126,6 +129,18 @@ def _of_file(moved, rig):
     return np.where(index[:, None] < 0, 0.0, moved[index])
 
 
+def _refuse_changed(source, V, rig):
+    """Refuse a file whose vertices, in its unit, are not where the rig has them."""
+    index = rig.source.index
+    kept = index >= 0
+    away = np.abs(V[kept] * rig.source.scale - rig.neutral.vertices[index[kept]])
+    if away.size and away.max() > _MOVED:
+        raise ValueError(
+            f"{source}: its vertices lie up to {away.max():.3g} mm from those of the rig; the file "
+            "has changed since the rig was read, read it again."
+        )
+
+
 def _into_gltf(path, source, rig, shapes, take):
     edit = GltfEdit(source, rig.source.mesh)
     if edit.n_vertices != len(rig.source.index) or edit.n_targets != len(rig.names):
@@ -134,6 +149,7 @@ def _into_gltf(path, source, rig, shapes, take):
             f"shapes, but the rig was read from {len(rig.source.index)} and {len(rig.names)}; the "
             "file has changed, read it again."
         )
+    _refuse_changed(source, edit.vertices, rig)
     for name, moved in shapes.items():
         edit.add_shape(name, _of_file(moved, rig) / rig.source.scale)
     if take is not None:
@@ -208,6 +224,7 @@ def _into_obj(path, rest, rig, shapes):
         moving = base.vertices_of(rig.source.mesh)
     if len(moving) != len(rig.source.index):
         raise ValueError(f"{rest}: it has changed since the rig was read; read it again.")
+    _refuse_changed(rest, base.vertices[moving], rig)
     lines = rest.read_bytes().splitlines(keepends=True)
     at = [k for k, line in enumerate(lines) if _VERTEX.fullmatch(line)]
     if len(at) != len(base.vertices):

@@ -134,6 +134,13 @@ def _from_gltf(path, mesh, scale):
     scale = _unit(scene.path, head.vertices, head.deltas, unit_of(".glb"), scale)
     _say_displaced(path, mesh, names[chosen], head.vertices * scale, head.deltas, scale)
     _say_other_faces(scene.path, mesh, parts, names, chosen, _PLACE / scale)
+    if not head.deltas.any():
+        warnings.warn(
+            f"{scene.path}: none of the {len(head.deltas)} shapes of {head.name!r} moves a vertex, "
+            "so it cannot be posed; export it with the positions of its shapes, not their normals "
+            "alone.",
+            stacklevel=3,
+        )
     shown = scene.weights_at_rest(chosen, names[chosen])
     if shown:
         said = [f"{name} at {weight:g}" for name, weight in shown.items()]

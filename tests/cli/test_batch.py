@@ -129,11 +129,16 @@ def test_one_file_that_fails_is_one_line_without_a_traceback(folder, capsys):
         (["{in}/nowhere.obj", "-o", "{in}/x.ply"], "is not there"),
         (["{in}/a.obj", "-o", "{in}/a.obj"], "would overwrite"),
         (["{in}/a.obj", "-o", "{in}/a.stl"], "a result ends in"),
+        (["{in}/a.obj", "-o", "{in}/x.ply", "--report", "{in}/a.obj"], "would overwrite"),
+        (["{in}", "-o", "{in}/../out", "--report", "{in}/c.obj"], "would overwrite"),
+        (["{in}/a.obj", "-o", "{in}/x.ply", "--report", "{in}/X.ply"], "or a result"),
         (["{in}/a.obj", "-o", "{in}/a.ply", "--to", "glb"], "leave one of them out"),
         (["{in}/empty", "-o", "{in}/x"], "holds no file"),
         (["{in}/a.obj", "-o", "{in}/note.txt/x.ply"], "cannot be made"),
         (["{in}/a.obj", "-o", "{in}/x.ply", "--report", "{in}/no/r.json"], "--report"),
         (["{in}/a.obj"], "required"),
+        (["", "-o", "{in}/x.ply"], "the name is empty"),
+        (["{in}/a.obj", "-o", ""], "the name is empty"),
         (["{in}/a.obj", "-o", "{in}/x.ply", "--frob"], "unrecognized"),
     ],
 )
@@ -143,6 +148,16 @@ def test_wrong_usage_ends_with_2_before_anything_is_written(folder, more, what, 
     assert main(["convert", *(m.replace("{in}", str(folder)) for m in more)]) == 2
     assert what in capsys.readouterr().err
     assert sorted(folder.rglob("*")) == before
+
+
+def test_a_link_that_leads_nowhere_and_a_pipe_are_failed_files(folder):
+    (folder / "lost.obj").symlink_to(folder / "nowhere.obj")
+    os.mkfifo(folder / "pipe.obj")
+    (folder / "sub.obj").mkdir()
+    code, report, _ = convert_all(folder)
+    assert code == 1 and len(report["done"]) == 2
+    failed = [entry["input"] for entry in report["failed"]]
+    assert failed == [str(folder / name) for name in ("b.obj", "lost.obj", "pipe.obj")]
 
 
 def test_two_files_that_would_become_one_are_refused_by_name(folder, capsys):
@@ -193,6 +208,16 @@ def test_a_folder_of_sources_is_done_only_as_long_as_nothing_in_it_is_newer(tmp_
     later = target.stat().st_mtime + 10
     os.utime(shapes / "smile.obj", (later, later))
     assert not Job((shapes,), target).done
+
+
+def test_a_result_is_made_anew_when_a_file_that_an_option_names_is_newer(tmp_path):
+    take, rig, target = (tmp_path / name for name in ("take.csv", "rig.npz", "made.csv"))
+    for path in (take, rig, target):
+        path.write_text("there")
+    assert Job((take,), target, (rig,)).done
+    later = target.stat().st_mtime + 10
+    os.utime(rig, (later, later))
+    assert not Job((take,), target, (rig,)).done
 
 
 # --- as a process ---------------------------------------------------------------------------------

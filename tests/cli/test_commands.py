@@ -396,3 +396,102 @@ def test_motion_becomes_glb_and_nothing_else(motion_file, run, tmp_path, capsys)
     assert run("convert", path, "-o", tmp_path / "take.glb", "--modes", 12)["modes_rms_mm"] < 0.1
     assert main(["convert", str(path), "-o", str(tmp_path / "take.obj")]) == 1
     assert "holds a motion" in capsys.readouterr().err
+
+
+# --- what is read is not written over -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("report", [False, True])
+def test_a_rig_that_is_read_is_never_written_over(rig, rig_file, rng, tmp_path, capsys, report):
+    take = WeightSequence(rng.uniform(0, 1, (20, len(rig.names))), rig.names, 30.0)
+    files.write_weights_csv(tmp_path / "take.csv", take)
+    kept = rig_file.read_bytes()
+    out = ["-o", tmp_path / "new.npz", "--report", rig_file] if report else ["-o", rig_file]
+    arguments = ["train", tmp_path / "take.csv", "--rig", rig_file, "--again", *out]
+    assert main(list(map(str, arguments))) == 2
+    assert "would overwrite" in capsys.readouterr().err and rig_file.read_bytes() == kept
+
+
+def test_no_mesh_is_put_among_the_shapes_of_a_rig(rig, tmp_path, capsys):
+    (tmp_path / "shapes").mkdir()
+    files.write_obj(tmp_path / "shapes" / "neutral.obj", rig.neutral)
+    (tmp_path / "pose.json").write_text("{}")
+    for name, words in (("neutral", "would overwrite"), ("new", "among the shapes of a rig")):
+        out = tmp_path / "shapes" / f"{name}.obj"
+        arguments = ["pose", tmp_path / "pose.json", "--rig", tmp_path / "shapes", "-o", out]
+        assert main(list(map(str, arguments))) == 2
+        assert words in capsys.readouterr().err
+
+
+def test_the_coloured_face_of_regions_takes_no_other_mesh_its_place(motion_file, tmp_path, capsys):
+    path, motion, _ = motion_file
+    files.write_ply(tmp_path / "face.ply", motion.mesh)
+    kept = (tmp_path / "face.ply").read_bytes()
+    arguments = ["segment", path, "-o", tmp_path / "face.json", "--regions", 4]
+    assert main(list(map(str, arguments))) == 1
+    assert "face.ply is there" in capsys.readouterr().err
+    assert (tmp_path / "face.ply").read_bytes() == kept
+    named = [*arguments, "--template", tmp_path / "face.ply", "--again"]
+    assert main(list(map(str, named))) == 2
+    assert (tmp_path / "face.ply").read_bytes() == kept
+    assert main(list(map(str, [*arguments, "--again"]))) == 0
+
+
+def test_a_rig_that_cannot_be_read_stands_in_the_report_of_every_file(rig, tmp_path, capsys):
+    for name in "ab":
+        files.write_obj(tmp_path / f"{name}.obj", rig.neutral)
+    (tmp_path / "rig.npz").write_text("no rig")
+    paths = [tmp_path / name for name in ("a.obj", "b.obj", "rig.npz", "made", "report.json")]
+    a, b, broken, made, report = map(str, paths)
+    assert main(["read-units", a, b, "--rig", broken, "-o", made, "--report", report]) == 1
+    assert capsys.readouterr().err.count("rig.npz") == 1
+    failed = json.loads(paths[-1].read_text())["failed"]
+    assert [entry["input"] for entry in failed] == [a, b] and "rig.npz" in failed[1]["reason"]
+
+
+# --- options that would change nothing ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["convert", "face.obj", "-o", "x.ply", "--unit", "cm"], "--unit: of no use"),
+        (["convert", "take.csv", "-o", "x.csv", "--scale", "10"], "the result is CSV"),
+        (["convert", "take.csv", "-o", "x.csv", "--mesh", "Head"], "--mesh"),
+        (["convert", "rig.npz", "-o", "x.glb", "--rig", "--modes", "3"], "--modes"),
+        (["convert", "face.obj", "-o", "x.glb", "--fps", "30"], "result is GLB"),
+        (["train", "motion.npz", "-o", "x.npz", "--scale", "3"], "--scale: that is for a --rig"),
+        (["segment", "take.csv", "--rig", "rig.npz", "-o", "x.npz", "--unit", "cm"], "--unit"),
+        (
+            ["pose", "p.json", "--model", "rig.npz", "-o", "x.obj", "--mesh", "Head"],
+            "not for a --model",
+        ),
+        (["read-units", "face.obj", "--rig", "rig.npz", "-o", "x.csv", "--alpha", "3"], "--lam"),
+    ],
+)
+def test_an_option_that_would_change_nothing_is_wrong_usage(
+    rig_file, tmp_path, monkeypatch, capsys, arguments, words
+):
+    for name in ("face.obj", "take.csv", "motion.npz", "p.json"):
+        (tmp_path / name).write_text("there")
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    assert main(arguments) == 2
+    assert words in capsys.readouterr().err and sorted(tmp_path.iterdir()) == before
+
+
+def test_a_motion_is_neither_aligned_nor_scaled(rig, rig_file, motion_file, tmp_path, capsys):
+    path = motion_file[0]
+    units = ["read-units", path, "--rig", rig_file, "-o", tmp_path / "x.csv"]
+    glb = ["convert", path, "-o", tmp_path / "x.glb"]
+    for arguments in ([*units, "--align"], [*units, "--sketch-scale", 10], [*glb, "--scale", 10]):
+        assert main(list(map(str, arguments))) == 1
+        assert "is a motion" in capsys.readouterr().err
+
+
+def test_a_folder_whose_name_ends_like_a_file_is_a_folder(rig, run, tmp_path):
+    (tmp_path / "in").mkdir()
+    files.write_obj(tmp_path / "in" / "face.obj", rig.neutral)
+    (tmp_path / "made.csv").mkdir()
+    run("convert", tmp_path / "in", "-o", tmp_path / "made.csv")
+    assert [f.name for f in (tmp_path / "made.csv").iterdir()] == ["face.glb"]

@@ -116,3 +116,17 @@ def test_an_installation_without_notebooks_says_so(tmp_path, monkeypatch, capsys
     monkeypatch.setattr(course, "files", lambda name: [])
     assert main(["lab", str(tmp_path / "lab"), "--only-copy"]) == 1
     assert "lacks its notebooks" in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_made_and_a_port_that_is_none_are_wrong_usage(tmp_path, capsys):
+    (tmp_path / "taken").write_text("a file")
+    assert main(["lab", str(tmp_path / "taken"), "--only-copy"]) == 2
+    assert "cannot be made" in capsys.readouterr().err
+    assert main(["app", str(tmp_path / "new"), "--port", "99999"]) == 2
+    assert "99999 is no port" in capsys.readouterr().err and not (tmp_path / "new").exists()
+
+
+def test_a_folder_in_the_place_of_a_notebook_is_left_as_it_is(tmp_path, capsys):
+    (tmp_path / course.FIRST).mkdir()
+    assert main(["lab", str(tmp_path), "--only-copy"]) == 0
+    assert f"left as they are, for they are yours by now: {course.FIRST}" in capsys.readouterr().out

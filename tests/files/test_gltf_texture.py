@@ -213,6 +213,11 @@ def no_source(gltf):
     gltf.textures[0].source = None
 
 
+def webp_alone(gltf):
+    no_source(gltf)
+    gltf.textures[0].extensions = {"EXT_texture_webp": {"source": 0}}
+
+
 def no_places(gltf):
     gltf.meshes[0].primitives[0].attributes.TEXCOORD_0 = None
 
@@ -228,6 +233,7 @@ def turned(gltf):
         (set_look(index=7), "baseColorTexture.index"),
         (set_look(texCoord=3), "TEXCOORD_3"),
         (no_source, "textures[0].source"),
+        (webp_alone, "as EXT_texture_webp alone, which is not read; export the file with PNG"),
         (no_places, "TEXCOORD_0"),
         (turned, "turned"),
     ],

@@ -198,8 +198,8 @@ def test_khronos_validator_finds_nothing_new(tmp_path, shapes, name):
 def edited(tmp_path):
     """Write the avatar after a change to its JSON, with another binary chunk or further ones."""
 
-    def edited(change, body=None, further=b""):
-        told, own = opened(FIXTURES / "avatar.glb")
+    def edited(change, body=None, further=b"", name="avatar"):
+        told, own = opened(FIXTURES / f"{name}.glb")
         change(told)
         text = json.dumps(told).encode()
         text += b" " * (-len(text) % 4)
@@ -215,6 +215,50 @@ def edited(tmp_path):
 
 def mesh_of(told, name="Head"):
     return next(told["meshes"][n["mesh"]] for n in told["nodes"] if n.get("name") == name)
+
+
+def unindexed(primitive, packed):
+    del primitive["indices"]
+
+
+def as_strip(primitive, packed):
+    primitive["mode"] = 5
+
+
+def one_more(primitive, packed):
+    packed["_OTHER"] = 99
+
+
+@pytest.mark.filterwarnings("ignore:.*is written uncompressed")
+@pytest.mark.skipif(not HAS_DRACO, reason="DracoPy is not installed")
+@pytest.mark.parametrize("change", [unindexed, as_strip, one_more])
+def test_draco_in_all_its_ways_is_written_as_it_was_read(edited, tmp_path, shapes, change):
+    def all_of(told):
+        for primitive in (p for mesh in told["meshes"] for p in mesh["primitives"]):
+            packed = primitive["extensions"]["KHR_draco_mesh_compression"]
+            change(primitive, packed["attributes"])
+
+    rig = read_rig(edited(all_of, name="avatar_draco"), mesh="Head")
+    write_into(tmp_path / "new.glb", rig, shapes)
+    again = read_rig(tmp_path / "new.glb", mesh="Head")
+    np.testing.assert_array_equal(again.neutral.faces, rig.neutral.faces)
+    np.testing.assert_array_equal(again.neutral.vertices, rig.neutral.vertices)
+
+
+@pytest.mark.skipif(not HAS_DRACO, reason="DracoPy is not installed")
+@pytest.mark.parametrize("semantic", ["NORMAL", "TEXCOORD_0"])
+def test_draco_that_lacks_what_it_promises_is_refused_by_its_name(
+    edited, tmp_path, shapes, semantic
+):
+    def change(told):
+        (primitive,) = mesh_of(told)["primitives"]
+        primitive["extensions"]["KHR_draco_mesh_compression"]["attributes"][semantic] = 99
+        primitive["attributes"][semantic] = primitive["attributes"]["POSITION"]
+
+    rig = read_rig(edited(change, name="avatar_draco"), mesh="Head")
+    with pytest.raises(ValueError, match=f"Draco data that do not hold the .* {semantic}"):
+        write_into(tmp_path / "new.glb", rig, shapes)
+    assert not (tmp_path / "new.glb").exists()
 
 
 def test_primitives_that_share_their_vertices_share_new_shapes(edited, tmp_path, shapes):
@@ -437,6 +481,27 @@ def test_a_file_that_has_changed_since_is_refused(tmp_path, shapes):
     write_into(path, rig, shapes)
     with pytest.raises(ValueError, match=r"6 shapes, but the rig was read from .* and 4"):
         write_into(path, rig, shapes)
+
+
+@pytest.mark.parametrize("way", ["another order", "another unit"])
+def test_a_file_whose_vertices_have_changed_is_refused(folder, tmp_path, rng, way):
+    mesh = grid_mesh(6, 5, spacing=30.0)
+    deltas = rng.normal(size=(1, 30, 3))
+    glb, new = tmp_path / "face.glb", tmp_path / "new.glb"
+    write_glb(glb, mesh, deltas, ["a"])
+    rig, of_folder = read_rig(glb), read_rig(folder)
+    if way == "another order":
+        write_glb(glb, type(mesh)(mesh.vertices[::-1], 29 - mesh.faces), deltas[:, ::-1], ["a"])
+        turned = REST.replace("v 50 200", "v 51 200")
+    else:
+        write_glb(glb, mesh.with_vertices(2 * mesh.vertices), deltas, ["a"])
+        turned = REST.replace("v 50 200", "v 100 400")
+    with pytest.raises(ValueError, match=r"vertices lie up to .* mm from those of the rig"):
+        write_into(new, rig, {"b": deltas[0]})
+    (folder / "neutral.obj").write_text(turned)
+    with pytest.raises(ValueError, match=r"vertices lie up to .* mm from those of the rig"):
+        write_into(tmp_path / "out", of_folder, {"b": np.ones((5, 3))})
+    assert not new.exists() and not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("name", ["neutral", "NEUTRAL", "Smile"])

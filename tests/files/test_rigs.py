@@ -163,6 +163,62 @@ def test_names_that_stand_at_the_targets_themselves_are_read(tmp_path, rig, key)
     assert silently(read_rig, scene(tmp_path / "head.glb", change)).names == rig.names
 
 
+def test_names_that_stand_at_the_data_of_the_targets_are_read(tmp_path, rig):
+    def change(told):
+        names = told["meshes"][0].pop("extras")["targetNames"]
+        targets = told["meshes"][0]["primitives"][0]["targets"]
+        for target, name in zip(targets, names, strict=True):
+            told["accessors"][target["POSITION"]]["name"] = name
+
+    write_glb(tmp_path / "head.glb", rig.neutral, rig.deltas, rig.names)
+    assert silently(read_rig, scene(tmp_path / "head.glb", change)).names == rig.names
+
+
+def in_two(told, names):
+    """The face in two primitives that share all but their triangles, with names of their own."""
+    (one,) = told["meshes"][0]["primitives"]
+    at = told["accessors"][one["indices"]]
+    half = at["count"] // 6 * 3
+    rest = {**at, "byteOffset": 4 * half, "count": at["count"] - half}
+    told["accessors"].append(rest)
+    at["count"] = half
+    for key in ("min", "max"):
+        at.pop(key, None), rest.pop(key, None)
+    two = {**one, "indices": len(told["accessors"]) - 1}
+    one["extras"], two["extras"] = ({"targetNames": n} for n in names)
+    told["meshes"][0]["primitives"].append(two)
+
+
+@pytest.mark.parametrize("of_mesh", [True, False])
+def test_names_in_another_order_in_each_primitive_are_refused(tmp_path, rig, of_mesh):
+    def change(told):
+        a, b, c = told["meshes"][0]["extras"]["targetNames"]
+        in_two(told, ([a, b, c], [b, a, c]))
+        if not of_mesh:
+            del told["meshes"][0]["extras"]
+
+    write_glb(tmp_path / "head.glb", rig.neutral, rig.deltas, rig.names)
+    with pytest.raises(ValueError, match=r"target 0 is .* in meshes\[0\].*primitives\[1\].*order"):
+        read_rig(scene(tmp_path / "head.glb", change))
+
+
+def test_primitives_with_the_same_names_or_none_make_one_face(tmp_path, rig):
+    write_glb(tmp_path / "head.glb", rig.neutral, rig.deltas, rig.names)
+    scene(tmp_path / "head.glb", lambda told: in_two(told, (list(rig.names), ["", "", ""])))
+    again = silently(read_rig, tmp_path / "head.glb")
+    assert again.names == rig.names and again.neutral.n_vertices == rig.neutral.n_vertices
+
+
+def test_shapes_that_change_normals_alone_are_said(tmp_path, rig):
+    def change(told):
+        for target in told["meshes"][0]["primitives"][0]["targets"]:
+            target["NORMAL"] = target.pop("POSITION")
+
+    write_glb(tmp_path / "head.glb", rig.neutral, rig.deltas, rig.names)
+    with pytest.warns(UserWarning, match="none of the 3 shapes of 'face' moves a vertex"):
+        read_rig(scene(tmp_path / "head.glb", change))
+
+
 def add_mesh(path, mesh, deltas, names, name):
     """Put another mesh with shapes into a GLB of ours, under a node of that name."""
     write_glb(path.parent / "other.glb", mesh, deltas, names)
