@@ -23,10 +23,8 @@ _PLACE = 1e-3  # mm: vertices so near to each other are two sides of a seam
 _CORNER = 10.0  # mm: a fold so short is a corner of the mouth
 _FACE = 100.0  # mm: a piece with landmarks and so long is a face by itself
 _WORN = 0.8  # share of a piece near the skin that is worn on it: lashes, brows
-_ROOT = 2.0  # mm from the skin: where a strip grows from it
-_ON = 0.05  # mm from it: there for certain
-_EDGE = 0.25  # share of its border that is
-_SHARED = 0.4  # share of its border that does so
+_ROOT, _STANDS = 2.0, 0.4  # mm from the skin, and share of its border: a strip grows from there
+_ON, _ROOTED = 0.05, 0.25  # the same of one whose roots are vertices of the skin
 _FAR = 12.0  # mm from there to its other edge, less than over the front of an eye
 _JOINT = np.array([0.0, 55.0, -85.0])  # mm from the chin to the joint of the jaw, about
 
@@ -238,22 +236,19 @@ class Rider:
 
         None behind the lips, where the roots of teeth lie as near to a lining.
         """
-        V = self._body.vertices[piece]
+        V, none = self._body.vertices[piece], piece[:0]
         if not np.isin(self._body.faces[:, 0], piece).any():  # a vertex of no triangle
-            return piece[:0]
+            return none
         loops = self._body.submesh(piece).boundary_loops
-        border = np.unique(np.concatenate(loops)) if loops else np.empty(0, dtype=int)
-        on = border[away[border] < _ON]
-        if _EDGE * len(border) < len(on) < len(border):
-            return on if self._behind_lips(V) is False else on[:0]
-        elif away.max(initial=0) > _ROOT:
-            edge = border[away[border] < _ROOT]
-        else:
-            edge = border[:0]
-        if len(edge) < max(2, _SHARED * len(border)) or self._behind_lips(V) is not False:
-            return edge[:0]
-        far = cKDTree(V[edge]).query(V)[0].max()
-        return edge if far < _FAR else edge[:0]
+        if not loops or self._behind_lips(V) is not False:
+            return none
+        border = np.unique(np.concatenate(loops))
+        on, near = (border[away[border] < least] for least in (_ON, _ROOT))
+        if _ROOTED * len(border) < len(on) < len(border):  # the rest may lie along the lid
+            return on
+        if away.max() <= _ROOT or len(near) < max(2, _STANDS * len(border)):
+            return none
+        return near if cKDTree(V[near]).query(V)[0].max() < _FAR else none
 
     def _twin(self, V):
         """Vertices of the piece of the carrier that is in the same place and as large, or None."""

@@ -17,9 +17,7 @@ _VERTEX = re.compile(
     rb"((?:\xef\xbb\xbf)?[ \t]*v[ \t]+)(\S+)([ \t]+)(\S+)([ \t]+)(\S+)(.*)", re.DOTALL
 )
 _GLTF = (".glb", ".gltf", ".vrm")
-_MOVED = (
-    0.01  # mm: a file whose vertices lie further off has changed; seams were closed within less
-)
+_MOVED = 0.01  # mm: seams are closed within less; vertices further off are others
 
 
 def write_into(path, rig, shapes=None, take=None):

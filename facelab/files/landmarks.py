@@ -25,9 +25,8 @@ _NUMBERED = {68: MULTI_PIE, 51: MULTI_PIE[17:]}  # lists without names in an ord
 _MOST = 4_000_000  # bytes; a file of landmarks has some thousands
 _FAR = 5.0  # mm from the mesh: a landmark that belongs to another one, or another unit
 _INTEGER = re.compile(r"-?\d{1,15}", re.ASCII)
-_BETWEEN = re.compile(
-    r"(?:[\s,;=\[\]()]|:(?![^\W\d]|\d+[^\W\d]))+"
-)  # the colon of A:chin is its own
+# between words of a line; the colon of A:chin is none
+_BETWEEN = re.compile(r"(?:[\s,;=\[\]()]|:(?![^\W\d]|\d+[^\W\d]))+")
 _HEADER = {*"name names label landmark index indices idx vertex id x y z".split()}
 _UP = ("eye_right_outer", "eye_left_outer", "chin", "nose_tip")
 

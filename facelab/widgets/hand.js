@@ -134,15 +134,19 @@ function hush(scene) {
 const FACING = `vec3 normal = normalize(vNormal);
 if (dot(normal, normalize(vViewPosition)) < -0.3) normal = -normal;`;
 
+// Whether any skin had to be told so: that of a texture comes when it is first wanted.
 function smoothen(scene) {
+  let any = false;
   scene.traverse(({ material }) => {
-    if (!material?.isMeshStandardMaterial || material.side !== BOTH_SIDES || material.facelab) return;
-    material.facelab = true;
+    if (!material?.isMeshStandardMaterial || material.side !== BOTH_SIDES || material.userData.smooth) return;
+    any = material.needsUpdate = material.userData.smooth = true;
     material.onBeforeCompile = (shader) => {
-      shader.fragmentShader = shader.fragmentShader.replace("#include <normal_fragment_begin>", FACING);
+      const plain = shader.fragmentShader;
+      shader.fragmentShader = plain.replace("#include <normal_fragment_begin>", FACING);
+      if (shader.fragmentShader === plain) console.error("three.js has another shader: skin may show specks");
     };
-    material.needsUpdate = true;
   });
+  return any;
 }
 
 // The kernel hears by several threads, so messages may come in another order than they went: each
@@ -164,7 +168,6 @@ class Hand {
     this.rested = performance.now();
     this.listening = new AbortController();
     hush(this.view.scene);
-    smoothen(this.view.scene);
     this.stage.facelab = this; // for who wants to look in from outside
     this.#build();
     this.#listen();
@@ -697,6 +700,7 @@ class Hand {
   }
 
   drawMarks() {
+    if (smoothen(this.view.scene)) this.view.tick();
     this.dress();
     const lens = this.lens();
     const box = this.box();

@@ -205,6 +205,21 @@ def test_a_pin_off_skin_that_looks_away_is_drawn_and_taken_one_behind_the_head_i
     fresh.run("lab.view.look_from()")
 
 
+def test_skin_is_lit_by_its_smooth_normals(fresh):
+    """Else three.js turns normals triangle by triangle, and outlines and creases have specks."""
+    told = fresh.page.evaluate(
+        """() => { const told = [];
+        document.querySelector('.facelab-face').facelab.view.scene.traverse(({ material: m }) => {
+          if (m?.isMeshStandardMaterial) {
+            const shader = { fragmentShader: "#include <normal_fragment_begin>" };
+            m.onBeforeCompile(shader);
+            told.push(shader.fragmentShader); } });
+        return told; }"""
+    )
+    assert len(told) > 3 and all("vViewPosition" in shader for shader in told)
+    assert not any("another shader" in line for line in fresh.errors)
+
+
 def camera(lab):
     """Where the camera stands in the page, mm."""
     return np.array(lab.page.evaluate("document.querySelector('.facelab-face').facelab.eye()"))
