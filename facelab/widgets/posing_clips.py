@@ -9,6 +9,7 @@ import numpy as np
 
 from facelab.posing.clips import Clip
 from facelab.widgets.lab import WIDTH, Panel, button, row
+from facelab.widgets.pace import Pace
 from facelab.widgets.page import markup, quiet, shows_errors
 from facelab.widgets.parts import ItemList, Track
 from facelab.widgets.put_back import PutBack
@@ -24,7 +25,7 @@ _ON_TAKE = (
     "it."
 )
 OTHER_MODEL = "the key poses are of another model; choose that model first."
-_ON_ITS_WAY = 0.5  # s in which frames that the page sent while it played still come in
+_SILENT = 60  # s after which a page that has not answered is taken to be gone
 
 
 class ClipPanel(Panel):
@@ -52,6 +53,7 @@ class ClipPanel(Panel):
             layout={"width": "46%"}, style={"description_width": "18px"},
         )  # fmt: skip
         self._link = widgets.jslink((self.play, "value"), (self.slider, "value"))
+        self._pace = Pace(self.slider, every=1000 // _FPS)
         self._time = widgets.Label(layout={"width": "52px"})
         self.track = Track(self._on_track)
         self.key = button("Key here", "Make the pose on screen a key at this moment", self._press)
@@ -145,6 +147,7 @@ class ClipPanel(Panel):
         """Stop playing, and show none of the frames that the page has asked for already."""
         if self.play.playing:
             self.play.playing, self._halted = False, time.monotonic()
+            self._pace.when_told(self._all_in)
 
     def take_up(self):
         """Before a drag on a frame of the clip: that frame becomes the pose."""
@@ -221,9 +224,13 @@ class ClipPanel(Panel):
             raise ValueError("the take has no good frame so far; move the slider on.")
         return self.session.overlay(track[seen[-1:]])[0]
 
+    def _all_in(self):
+        self._halted = -np.inf
+        self.refresh()  # the slider may have gone on
+
     @shows_errors
     def _scrub(self, _):
-        if self.settling or time.monotonic() < self._halted + _ON_ITS_WAY:
+        if self.settling or time.monotonic() < self._halted + _SILENT:
             return
         self._coefficients()  # what is wrong is said before anything is shown
         self.frame = lambda: self.session.vertices_of(self._coefficients())

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from browser_lab import Lab, write_notebook
+from browser_lab import PATIENCE, Lab, wait_until, write_notebook
 from wire import Wire
 
 CELLS = (
@@ -52,6 +52,14 @@ class Puller:
     def __init__(self, lab, wire):
         self.lab, self.wire = lab, wire
 
+    def begin(self, cell):
+        """Run a cell up to its line `begun()`."""
+        sign = self.lab.folder / "begun"
+        sign.unlink(missing_ok=True)
+        begun = f"def begun():\n    open({str(sign)!r}, 'w').close()\n"
+        self.lab.client.execute(begun + cell, silent=True)
+        self.lab.server.wait(sign.exists, PATIENCE, "the cell did not begin")
+
     def _place(self, kind):
         """Which canvas is pulled, and where, pixels of the page."""
         expression = kind == "expression"
@@ -95,7 +103,7 @@ class Puller:
         page.evaluate("sent.length = late.length = 0")
         self.wire.delay = delay
         if cell:
-            self.lab.client.execute(cell, silent=True)
+            self.begin(cell)
         mouse.down()
         began, steps = time.monotonic(), max(1, round(seconds / 0.06))
         for k in range(1, steps + 1):
@@ -149,7 +157,8 @@ def test_a_flick_over_any_wire_ends_where_a_slow_pull_ends(puller, kind):
 
 UNTIL_A_STEP = """
 import time
-state, end = session.state, time.monotonic() + 30
+state, end = session.state, time.monotonic() + 60
+begun()
 while session.state is state and time.monotonic() < end:
     time.sleep(0.05)
 meanwhile = session.state is not state
@@ -163,10 +172,33 @@ def test_flicks_and_buttons_are_answered_while_a_cell_runs(puller):
         check(puller, "region", QUICK, delay, slow, cell=UNTIL_A_STEP)
         assert lab.run("", done="meanwhile")["done"]
     while_it_speaks = "while session.undo(): pass\nsession.redo()\n"  # to the button, of can_undo
-    lab.client.execute(while_it_speaks + UNTIL_A_STEP, silent=True)
+    puller.begin(while_it_speaks + UNTIL_A_STEP)
     lab.page.get_by_role("button", name="Undo").first.click()
     lab.settle()
     assert lab.run("", done="meanwhile")["done"]
+
+
+def test_frames_that_are_on_their_way_when_a_clip_is_stopped_are_not_shown(puller):
+    lab = puller.lab
+    puller.wire.delay = 0.0
+    lab.run(
+        "session.reset(); keys = lab.clip\n"
+        "for keys.slider.value in (0, 50): keys.stop.click(); keys.key.click()\n"
+        "keys.slider.value = 0; keys.stop.click()"
+    )
+    lab.settle()
+    puller.wire.delay = 0.7  # more than a second until the page has heard and answered
+    lab.run("keys.play.playing = True")
+    wait_until(lab, "lab.frame is not None and keys.seconds > 0.3")
+    lab.run("keys.stop.click(); stopped = keys.seconds")
+    lab.page.wait_for_timeout(2500)
+    lab.settle()
+    assert lab.run("", gone_on="keys.seconds > stopped + 0.5")["gone_on"]
+    assert lab.run("", pose="lab.frame is None")["pose"]
+    puller.wire.delay = 0.0
+    lab.run("keys.slider.value = 25")
+    assert lab.run("", frame="lab.frame is not None")["frame"]
+    lab.run("keys.stop.click(); keys.set_clip(None)")
 
 
 @pytest.mark.long

@@ -607,9 +607,38 @@ def test_a_pose_chosen_while_the_clip_plays_stays(keyed, monkeypatch):
     clip.slider.value = 41  # the page had sent it before
     np.testing.assert_array_equal(lab.vertices, lab.session.vertices)
     assert lab.frame is None and lab.session.coefficients[0] == pytest.approx(0.8)
-    now[0] += 1
+    now[0] += 5  # over a slow wire, or on a busy machine
     clip.slider.value = 42
+    assert lab.frame is None
+    clip._pace._handle_custom_msg({"asked": 1}, [])  # the page, that no more is on its way
+    assert clip.track.now == clip.seconds == 42 / 25
+    clip.slider.value = 43
     assert lab.frame is not None
+
+
+def test_a_page_that_is_gone_holds_no_frame_back_for_ever(keyed, monkeypatch):
+    clip, now = keyed.clip, [0.0]
+    monkeypatch.setattr("facelab.widgets.posing_clips.time.monotonic", lambda: now[0])
+    clip.slider.value, clip.play.playing = 40, True
+    clip.stop.click()
+    now[0] += 61
+    clip.slider.value = 41
+    assert keyed.frame is not None
+
+
+def test_of_two_stops_the_answer_to_the_first_is_none(keyed):
+    clip = keyed.clip
+    for frame in (40, 30):
+        clip.slider.value, clip.play.playing = frame, True
+        clip.stop.click()
+        if frame == 40:
+            clip._pace._handle_custom_msg({"asked": 1}, [])
+    clip._pace._handle_custom_msg({"asked": 1}, [])
+    clip.slider.value = 31
+    assert keyed.frame is None
+    clip._pace._handle_custom_msg({"asked": 2}, [])
+    clip.slider.value = 32
+    assert keyed.frame is not None
 
 
 def test_the_neutral_of_a_new_library_is_neutral(parts, tmp_path):
