@@ -398,6 +398,26 @@ class PosingSession(PinEdits, Molding):
             return state
         return self._solved(**changes)
 
+    def answers_to(self, name, values):
+        """What the pins would make of the face for other values of beta or gamma: nothing changes.
+
+        Parameters
+        ----------
+        name : {"beta", "gamma"}
+        values : iterable of float
+
+        Returns
+        -------
+        C : ndarray of shape (n_values, n_coefficients)
+
+        Raises
+        ------
+        ValueError
+            As `set`.
+        """
+        check_choice(name, "name", ("beta", "gamma"))
+        return np.array([self._solved(**{name: x}).coefficients for x in values])
+
     @edit(over=())
     def apply(self, coefficients, gaze=None):
         """Pose with these coefficients, counted from the neutral; pins are taken away.

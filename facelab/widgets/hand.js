@@ -232,7 +232,10 @@ class Hand {
       this.model.on(name, react);
       signal.addEventListener("abort", () => this.model.off(name, react));
     }
-    const shown = () => (this.drag?.answer ? this.draw() : redraw());
+    const shown = () => {
+      const drag = this.drag?.answer ? this.drag : this.sliding();
+      drag ? this.draw(drag) : redraw();
+    };
     this.skin.position.on("change", shown); // after pythreejs has heard of it
     signal.addEventListener("abort", () => this.skin.position.off("change", shown));
     const theme = new MutationObserver(() => this.tint());
@@ -623,7 +626,7 @@ class Hand {
   // --- what the kernel says -----------------------------------------------------------------------
 
   answer(message, buffers) {
-    if (message.do !== "answer") return;
+    if (!["answer", "slide"].includes(message.do)) return;
     const told = { ...message };
     message.buffers.forEach((name, i) => {
       const Kind = name === "D" ? Float32Array : Float64Array;
@@ -632,6 +635,7 @@ class Hand {
     if (told.kind === "bounded") told.basis = this.basis();
     told.base = Float32Array.from(this.skin.told);
     told.moved = follower(told);
+    if (message.do === "slide") return this.slide(told);
     let drag = [this.drag, ...this.let.values()].find((d) => d?.press === message.press);
     if (!drag) { // pulled in another view
       drag = { press: message.press, vertex: message.vertex, offset: [0, 0, 0], foreign: true };
@@ -639,6 +643,26 @@ class Hand {
     }
     drag.answer = told;
     this.draw(drag);
+  }
+
+  // A slider goes through faces that the kernel has told: the page draws them.
+  async slide(answer) {
+    const slider = await this.model.widget_manager.get_model(answer.slider);
+    const n = answer.n_changes;
+    const slide = { press: answer.press, vertex: null, foreign: true, answer };
+    const follow = () => {
+      const k = slider.get("index");
+      answer.pull = answer.shares.subarray(n * k, n * (k + 1));
+      this.draw(slide);
+    };
+    slider.on("change:index", follow);
+    slide.over = () => slider.off("change:index", follow);
+    this.let.set(slide.press, slide);
+    follow();
+  }
+
+  sliding() {
+    return [...this.let.values()].find((drag) => drag.over);
   }
 
   basis() {
@@ -654,7 +678,7 @@ class Hand {
   draw(drag = this.drag) {
     const { answer, offset } = drag;
     if (answer) {
-      answer.pull = capped(add(offset, answer.ahead), answer.target, answer.ball);
+      if (answer.target) answer.pull = capped(add(offset, answer.ahead), answer.target, answer.ball);
       this.skin.draw(answer.base, answer.moved, answer.pull);
       this.view.tick();
     }
@@ -683,6 +707,7 @@ class Hand {
     }
     const drag = this.let.get(press);
     this.let.delete(press);
+    drag?.over?.();
     if (this.drag?.answer) return this.draw();
     this.skin.rest();
     this.view.tick();

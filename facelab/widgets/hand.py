@@ -87,6 +87,12 @@ class Hand(InTouch):
         arrays = {k: getattr(pull, v) for k, v in (names | {n: n for n in _ENDS}).items()}
         self._tell(told, "bounded", arrays)
 
+    def slide(self, hold, slider, shares, changes):
+        """Tell the page the faces of a slider, as `FaceView.begin_slide`."""
+        told = {"do": "slide", "press": hold, "slider": slider.model_id}
+        told["n_changes"] = len(changes)
+        self._tell(told, "course", {"shares": shares, "D": changes.astype(np.float32)})
+
     def _tell(self, told, kind, arrays):
         told |= {"kind": kind, "buffers": list(arrays)}
         self.send(told, buffers=[_packed(a) for a in arrays.values()])

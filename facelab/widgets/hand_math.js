@@ -139,6 +139,15 @@ function follower(answer) {
         out[i] += D[d] * x + D[d + 1] * y + D[d + 2] * z;
     };
   }
+  if (answer.kind === "course") {
+    const { D } = answer;
+    return (shares, out) => {
+      const size = D.length / shares.length;
+      shares.forEach((by, k) => {
+        for (let i = 0, d = k * size; i < size; i++, d++) out[i] += by * D[d];
+      });
+    };
+  }
   const { start, free, slope, basis } = answer;
   const P = free.length;
   const side = new Int8Array(P);

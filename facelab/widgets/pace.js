@@ -11,18 +11,50 @@ function pace(slider, every) {
   };
 }
 
+const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+
+async function allTold(sliders, every) {
+  while (sliders.some((slider) => slider._msg_buffer !== null)) await pause(every);
+}
+
+// Which of them the mouse takes hold of.
+async function heldBy({ target }, sliders) {
+  for (const slider of target.closest?.(".noUi-target") ? sliders : [])
+    for (const { el } of await Promise.all(Object.values(slider.views ?? {})))
+      if (el.contains(target)) return slider;
+  return null;
+}
+
 export default {
   async initialize({ model }) {
     stayInTouch({ model });
-    const get = (id) => model.widget_manager.get_model(id);
     const every = model.get("every");
-    const sliders = Promise.all(model.get("sliders").map(get));
-    // the kernel asks to hear of it when nothing is kept back
+    const get = (id) => model.widget_manager.get_model(id);
+    const found = Promise.all(model.get("sliders").map(get));
     model.on("msg:custom", async ({ asked }) => {
-      while ((await sliders).some((slider) => slider._msg_buffer !== null))
-        await new Promise((done) => setTimeout(done, every));
-      model.send({ asked });
+      await allTold(await found, every);
+      model.send({ do: "told", asked });
     });
-    for (const slider of await sliders) pace(slider, every);
+    const sliders = await found;
+    for (const slider of sliders) pace(slider, every);
+    if (!model.get("watches")) return;
+    const ended = new AbortController();
+    const { signal } = ended;
+    document.addEventListener("pointerdown", async (event) => {
+      const slider = await heldBy(event, sliders);
+      if (!slider) return;
+      const about = { slider: slider.model_id, name: crypto.randomUUID?.() ?? String(Math.random()) };
+      model.send({ do: "hold", ...about });
+      const over = new AbortController();
+      const letGo = async () => {
+        over.abort();
+        await pause(0); // the slider hears of it after this
+        await allTold([slider], every);
+        model.send({ do: "let", ...about, index: slider.get("index") });
+      };
+      for (const name of ["pointerup", "pointercancel"])
+        window.addEventListener(name, letGo, { signal: over.signal, capture: true });
+    }, { signal, capture: true });
+    return () => ended.abort();
   },
 };

@@ -61,7 +61,7 @@ class PosePanel(Panel):
         self.pins = self.pin_list.list
         toggles = row(self.symmetric, self.along, self.limit)
         self.widget = widgets.VBox([toggles, self.pin_list.widget, self.beta, self.gamma])
-        self.pace = Pace(self.beta, self.gamma)
+        self.pace = Pace(self.beta, self.gamma, on_hold=self._hold, on_let=self._let)
         self.beta.observe(self._slide, names="value")
         self.gamma.observe(self._slide, names="value")
         for each in (self.symmetric, self.along, self.limit):
@@ -88,10 +88,22 @@ class PosePanel(Panel):
             raise ValueError(f"the point under the mouse is not pinned; pinned are: {known}.")
         self.session.remove_pin(vertex)
 
+    def _name_of(self, slider):
+        return "beta" if slider is self.beta else "gamma"
+
+    @shows_errors
+    def _hold(self, slider, hold):
+        values = [value for _, value in slider.options]
+        self.lab.stage.begin_slide(hold, slider, self._name_of(slider), values)
+
+    @shows_errors
+    def _let(self, _, hold):
+        self.lab.stage.end_slide(hold)
+
     @shows_errors
     def _slide(self, change):
         if not self.settling:
-            name = "beta" if change["owner"] is self.beta else "gamma"
+            name = self._name_of(change["owner"])
             with self.session.group(name):
                 self.session.set(**{name: change["new"]})
 

@@ -1,7 +1,10 @@
 """The faces of the posing lab, what is shown on them, and the mouse that pulls them."""
 
+from contextlib import suppress
+
 import ipywidgets as widgets
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from facelab.plotting import region_colors
 from facelab.widgets.lab import Panel, toggle
@@ -14,6 +17,8 @@ _SIDE_BY_SIDE = 0.62  # of the size of a single view
 _GAP_SHOWN, _DISTANCE_SHOWN = 1.0, 4.0  # mm, and typical distances: where the colours end
 _SAME = 0.01  # mm
 _CHOSEN = 0.1, 0.1, 0.1  # the outline of the region whose sliders are shown
+_KNOTS = 3  # of the values of a slider each so-many-th is solved for
+_CHANGES, _UNSEEN = 24, 0.003  # of the face at most, each of more mm
 _NOTHING = "nothing"
 _PAINTS = {
     "skin": "skin",
@@ -146,6 +151,21 @@ class Stage(Panel):
         for view, _ in self.answers:
             view.show_pins(pins, colors, self.session.pin_names)
 
+    def begin_slide(self, hold, slider, name, values):
+        """Tell the page the faces that a slider of beta or gamma will go through."""
+        if self.lab.frame is not None:
+            return
+        for view, session in self.answers:
+            with suppress(ValueError):  # a value that is refused is said when it is asked for
+                shares, changes = _course(session, name, values)
+                if len(changes):
+                    view.begin_slide(hold, slider, shares, changes)
+
+    def end_slide(self, hold):
+        """The slider has been let go of: what the page was sent is shown."""
+        for view, _ in self.answers:
+            view.end_slide(hold)
+
     @shows_errors
     def _show_ghost(self, _=None):
         """The last other shape of the face, where that is wanted: not all steps move it."""
@@ -233,6 +253,26 @@ class Stage(Panel):
         for view in self.views:
             view.end_drag()
         self.held = None
+
+
+def _course(session, name, values):
+    """Faces for values of beta or gamma as shares of few changes of the face on screen.
+
+    Returns
+    -------
+    shares : ndarray of shape (n_values, n_changes)
+    changes : ndarray of shape (n_changes, n_vertices, 3)
+        Millimetres, largest first.
+    """
+    bounded = session.limit is not None or session.model.bounds is not None  # answers have kinks
+    places, c = np.arange(len(values)), session.coefficients
+    knots = np.union1d(places[:: 1 if bounded else _KNOTS], places[-1:])
+    C = CubicSpline(knots, session.answers_to(name, [values[k] for k in knots]))(places)
+    U, sizes, directions = np.linalg.svd(C - c, full_matrices=False)
+    shares = (U * sizes)[:, :_CHANGES]
+    changes = session.vertices_of(c + directions[:_CHANGES]) - session.vertices_of(c)
+    seen = np.abs(shares).max(axis=0) * np.abs(changes).max(axis=(1, 2)) > _UNSEEN
+    return shares[:, seen], changes[seen]
 
 
 def _half(options, text, tip):

@@ -365,6 +365,25 @@ class FaceView:
         """
         self._hand.answer(self._grip.press, answer, vertex, target, ahead)
 
+    def begin_slide(self, hold, slider, shares, changes):
+        """Tell the page the faces that a slider goes through, until the end of that.
+
+        Parameters
+        ----------
+        hold : str
+            Name of this slide.
+        slider : ipywidgets.Widget
+            Its `index` says which face it is.
+        shares : ndarray of shape (n_faces, n_changes)
+        changes : ndarray of shape (n_changes, n_vertices, 3)
+            Face i is that on screen now and shares[i] @ changes.
+        """
+        self._hand.slide(hold, slider, shares, changes)
+
+    def end_slide(self, hold):
+        """The page shows what it was sent again."""
+        self._hand.settled = hold
+
     @property
     def dragging(self):
         """Whether the mouse holds the face, here or in a linked view."""

@@ -42,6 +42,7 @@ document.addEventListener("facelab-pull", ({ detail }) => {
 DRAWN = """(k) => {
   const { skin } = document.querySelectorAll(".facelab-face")[k].facelab;
   return [...skin.X.slice(0, 3 * skin.n)]; }"""
+SLIDES = "() => Boolean(document.querySelector('.facelab-face').facelab.sliding())"
 QUICK, SLOW = 0.1, 3.0
 OFFSET = np.array([22.0, -30.0])  # pixels
 
@@ -176,6 +177,40 @@ def test_flicks_and_buttons_are_answered_while_a_cell_runs(puller):
     lab.page.get_by_role("button", name="Undo").first.click()
     lab.settle()
     assert lab.run("", done="meanwhile")["done"]
+
+
+@pytest.mark.parametrize("name, words", [("beta", "Regions agree"), ("gamma", "Stay close")])
+def test_the_page_draws_what_beta_and_gamma_do(puller, name, words):
+    lab, page = puller.lab, puller.lab.page
+    puller.wire.delay = 0.0
+    lab.run(
+        FRESH["region"] + "; session.set(beta=0.5, gamma=0.025)\n"
+        "corner = session.neutral.landmarks['mouth_corner_left']\n"
+        "session.pull(corner, session.neutral.vertices[corner] + [4, 7, 0])\n"
+        f"slider = lab.pose.{name}"
+    )
+    lab.bring_into_view()
+    slider = page.locator(".widget-inline-hbox", has_text=words).first.locator(".noUi-handle")
+    box = slider.bounding_box()
+    at = np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
+    page.mouse.move(*at)
+    page.mouse.down()
+    page.wait_for_function(SLIDES)
+    before = np.array(page.evaluate(DRAWN, 0))
+    puller.wire.delay = 3.0  # from here on the kernel hears nothing for a while
+    page.mouse.move(*(at + [25, 0]))
+    page.mouse.move(*(at + [35, 0]))
+    drawn = np.array(page.evaluate(DRAWN, 0))
+    puller.wire.delay = 0.0
+    page.mouse.up()
+    page.wait_for_function(f"() => !({SLIDES})()")
+    lab.settle()
+    moved = np.abs(drawn - before).max()
+    _, pose = puller._seen("region", 0)
+    assert moved > 0.3, "the page waited for the kernel"
+    assert np.abs(drawn.reshape(-1, 3) - pose).max() < 0.01 * moved + 0.005
+    assert np.abs(np.reshape(page.evaluate(DRAWN, 0), (-1, 3)) - pose).max() < 0.001
+    assert lab.run("", made=f"session.{name} != {0.5 if name == 'beta' else 0.025}")["made"]
 
 
 def test_frames_that_are_on_their_way_when_a_clip_is_stopped_are_not_shown(puller):

@@ -663,6 +663,21 @@ def test_a_session_refuses_parts_that_do_not_belong_together(rng, model, grid):
 # --- a dense face bound to the control vertices ---------------------------------------------------
 
 
+@pytest.mark.parametrize("name", ["beta", "gamma"])
+def test_answers_to_other_weights_are_those_that_the_session_would_give(session, name):
+    pull(session, 7, [1, 2, 3.0])
+    before, values = story(session), [0.02, 0.5, 3.0]
+    C = session.answers_to(name, values)
+    assert_same_story(session, before)
+    for c, value in zip(C, values, strict=True):
+        session.set(**{name: value})
+        np.testing.assert_array_equal(c, session.coefficients)
+    with pytest.raises(ValueError, match="name='delta'"):
+        session.answers_to("delta", values)
+    with pytest.raises(ValueError, match=f"{name}=-1"):
+        session.answers_to(name, [-1.0])
+
+
 @pytest.fixture
 def bound(rng):
     """A session on a dense grid whose control vertices are every third."""

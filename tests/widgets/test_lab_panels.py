@@ -56,6 +56,47 @@ def pull(session, vertex, by):
     session.pull(vertex, session.vertices[vertex] + by)
 
 
+# --- beta and gamma -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name, model", [("beta", "region"), ("gamma", "region"), ("gamma", "rig")])
+def test_the_page_is_told_the_faces_that_a_slider_goes_through(lab, monkeypatch, name, model):
+    session, panel, slider, told = lab.session, lab.pose, getattr(lab.pose, name), []
+    session.use(lab.models[model])
+    pull(session, 17, [1.0, 0, 3])
+    monkeypatch.setattr(type(lab.view._hand), "send", lambda _, *sent: told.append(sent))
+    monkeypatch.setattr(type(lab.view._hand), "_tell", lambda _, *sent: told.append(sent))
+    hold = {"slider": slider.model_id, "name": "first"}
+    panel.pace._handle_custom_msg({"do": "hold", **hold}, [])
+    ((message, kind, arrays),) = told
+    assert (message["press"], message["slider"], kind) == ("first", slider.model_id, "course")
+    shares, D = arrays["shares"], arrays["D"]
+    assert message["n_changes"] == len(D) == shares.shape[1]
+    drawn = session.vertices + np.tensordot(shares, D, axes=1)
+    now, steps = session.vertices, session.n_undo
+    ways = [np.abs(V - now).max() for V in drawn]
+    assert max(ways) > 0.2
+    for index in range(0, len(drawn), 4):
+        slider.index = index
+        assert np.abs(drawn[index] - session.vertices).max() < 0.01 * max(ways)
+    assert session.n_undo == steps + 1, "a slide is one step"
+    panel.pace._handle_custom_msg({"do": "let", **hold, "index": 3}, [])
+    assert slider.index == 3 and lab.view._hand.settled == "first"
+    assert getattr(session, name) == slider.options[3][1]
+
+
+def test_no_slide_is_drawn_over_a_frame_of_a_clip(keyed, monkeypatch):
+    told, slider = [], keyed.pose.gamma
+    monkeypatch.setattr(type(keyed.view._hand), "_tell", lambda _, *sent: told.append(sent))
+    hold = {"slider": slider.model_id, "name": "first"}
+    keyed.clip.slider.value = 40
+    keyed.pose.pace._handle_custom_msg({"do": "hold", **hold}, [])
+    assert keyed.frame is not None and not told
+    keyed.clip.stop.click()
+    keyed.pose.pace._handle_custom_msg({"do": "hold", **hold}, [])
+    assert told
+
+
 # --- pins -----------------------------------------------------------------------------------------
 
 
@@ -610,7 +651,9 @@ def test_a_pose_chosen_while_the_clip_plays_stays(keyed, monkeypatch):
     now[0] += 5  # over a slow wire, or on a busy machine
     clip.slider.value = 42
     assert lab.frame is None
-    clip._pace._handle_custom_msg({"asked": 1}, [])  # the page, that no more is on its way
+    clip._pace._handle_custom_msg(
+        {"do": "told", "asked": 1}, []
+    )  # the page, that no more is on its way
     assert clip.track.now == clip.seconds == 42 / 25
     clip.slider.value = 43
     assert lab.frame is not None
@@ -632,11 +675,11 @@ def test_of_two_stops_the_answer_to_the_first_is_none(keyed):
         clip.slider.value, clip.play.playing = frame, True
         clip.stop.click()
         if frame == 40:
-            clip._pace._handle_custom_msg({"asked": 1}, [])
-    clip._pace._handle_custom_msg({"asked": 1}, [])
+            clip._pace._handle_custom_msg({"do": "told", "asked": 1}, [])
+    clip._pace._handle_custom_msg({"do": "told", "asked": 1}, [])
     clip.slider.value = 31
     assert keyed.frame is None
-    clip._pace._handle_custom_msg({"asked": 2}, [])
+    clip._pace._handle_custom_msg({"do": "told", "asked": 2}, [])
     clip.slider.value = 32
     assert keyed.frame is not None
 
