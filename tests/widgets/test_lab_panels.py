@@ -89,6 +89,7 @@ def test_no_slide_is_drawn_over_a_frame_of_a_clip(keyed, monkeypatch):
     told, slider = [], keyed.pose.gamma
     monkeypatch.setattr(type(keyed.view._hand), "_tell", lambda _, *sent: told.append(sent))
     hold = {"slider": slider.model_id, "name": "first"}
+    pull(keyed.session, 17, [1.0, 0, 3])
     keyed.clip.slider.value = 40
     keyed.pose.pace._handle_custom_msg({"do": "hold", **hold}, [])
     assert keyed.frame is not None and not told
