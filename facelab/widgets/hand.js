@@ -12,6 +12,7 @@ const REST = 400; // ms: a pointer that has rested on the face turns its wheel t
 const STEP = 0.5; // mm an arrow key moves a pin
 const PAUSE = 400; // ms without an arrow key end such a pull
 const WIDEST = 1.6; // of the width that was asked for
+const GAP = 12; // pixels between faces
 const HIGHEST = 0.8; // of the window
 const BOTH_SIDES = 2; // three.DoubleSide
 const SVG = "http://www.w3.org/2000/svg";
@@ -214,6 +215,7 @@ class Hand {
     on(stage, "wheel", this.wheel, { capture: true, passive: true });
     on(document, "scroll", () => (this.rested = performance.now()), { capture: true, passive: true });
     on(window, "keydown", this.key, capture);
+    on(window, "resize", this.fit);
     on(document, PULL, this.follow);
     const redraw = () => this.redraw();
     const orbit = this.orbit.obj;
@@ -776,7 +778,8 @@ class Hand {
   fit() {
     const [width, height] = this.model.get("size");
     const full = document.fullscreenElement === this.stage;
-    this.stage.style.maxWidth = full ? "" : `${Math.round(WIDEST * width)}px`;
+    this.stage.style.maxWidth = full ? "" : `${this.widest}px`;
+    this.keepTogether();
     const w = this.stage.clientWidth;
     const h = full ? window.innerHeight
       : Math.round(Math.min((w * height) / width, Math.max(height, HIGHEST * window.innerHeight)));
@@ -792,6 +795,19 @@ class Hand {
     this.camera.save_changes();
     this.view.tick();
     this.redraw();
+  }
+
+  get widest() {
+    return Math.round(WIDEST * this.model.get("size")[0]);
+  }
+
+  // A lab's controls stand beside its faces on a wide page, too.
+  keepTogether() {
+    const column = this.stage.closest(".facelab-stage");
+    if (!column) return;
+    const faces = [...column.querySelectorAll(".facelab-face")].map(({ facelab }) => facelab);
+    const seen = faces.filter((hand) => hand?.stage.clientWidth);
+    column.style.maxWidth = `${seen.reduce((sum, { widest }) => sum + widest + GAP, 0)}px`;
   }
 
   close() {

@@ -7,6 +7,7 @@ from facelab.widgets.lab import WIDTH, Panel, row
 from facelab.widgets.page import quiet, shows_errors
 from facelab.widgets.parts import ItemList
 
+_NO_PLACE = -1  # not None: a list with that chosen shows nothing
 _FARTHEST = 100.0  # mm that a point can be typed away from its place at rest
 _WEIGHTS = {"weak": 0.1, "normal": 1.0, "strong": 10.0}
 _AXES = {
@@ -45,7 +46,7 @@ class PinPanel(Panel):
         marks = self.lab.places.mesh.landmarks.values()
         places = {self.lab.name_of(v): int(v) for v in sorted(marks, reverse=True)}
         self.place = widgets.Dropdown(
-            options=[("choose a place ...", None), *sorted(places.items())],
+            options=[("choose a place ...", _NO_PLACE), *sorted(places.items())],
             description="Pin", layout={"width": WIDTH}, style={"description_width": "44px"},
             tooltip="A pin without the mouse; arrow keys move it when the focus is on the face",
         )  # fmt: skip
@@ -135,9 +136,9 @@ class PinPanel(Panel):
 
     @shows_errors
     def _hold(self, change):
-        if change["new"] is not None:
+        if change["new"] != _NO_PLACE:
             with quiet(self):
-                self.place.value = None
+                self.place.value = _NO_PLACE
             self.chosen = change["new"]
             self.pinned.hold(self.chosen)
             self.refresh()

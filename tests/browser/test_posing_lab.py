@@ -825,7 +825,15 @@ def test_the_page_of_its_own_works_as_make_app_shows_it(server):
     lab = Lab(server, app="voila")
     try:
         lab.open(ROOT / "app" / "posing.ipynb")
-        lab.bring_into_view()
+        for width, height in (
+            (1900, 900),
+            (1366, 768),
+        ):  # the second one is no narrower for the face
+            lab.page.set_viewport_size({"width": width, "height": height})
+            face = lab.bring_into_view()
+            side = lab.page.locator(".facelab-side").bounding_box()
+            assert 0 < side["x"] - face["x"] - face["width"] < 40
+            assert face["height"] > 600 and face["y"] + face["height"] < height
         lab.run("session = lab.session")
         neutral = vertices(lab)
         pull(lab, "mouth_corner_left", SMIRK)
