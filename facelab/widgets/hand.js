@@ -15,6 +15,7 @@ const WIDEST = 1.6; // of the width that was asked for
 const HIGHEST = 0.8; // of the window
 const BOTH_SIDES = 2; // three.DoubleSide
 const SVG = "http://www.w3.org/2000/svg";
+const TELL = "facelab-tell"; // asks what is kept back to be told: something else will be at once
 const PULL = "facelab-pull"; // tells the other views of a face what is pulled, and where to
 const VIEWS = [
   ["F", "From the front", [0, 0, 1]],
@@ -112,7 +113,7 @@ function teller(model) {
       waiting = message;
       timer ||= setTimeout(send, Math.max(0, last + EVERY - performance.now()));
     },
-    now(message) {
+    now(message = waiting) {
       clearTimeout(timer);
       waiting = message;
       send();
@@ -215,6 +216,10 @@ class Hand {
     on(document, "scroll", () => (this.rested = performance.now()), { capture: true, passive: true });
     on(window, "keydown", this.key, capture);
     on(document, PULL, this.follow);
+    on(document, TELL, () => {
+      this.tell.now();
+      this.endSteps();
+    });
     const redraw = () => this.redraw();
     const orbit = this.orbit.obj;
     orbit.addEventListener("change", redraw);

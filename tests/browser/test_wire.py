@@ -201,6 +201,114 @@ def test_frames_that_are_on_their_way_when_a_clip_is_stopped_are_not_shown(pulle
     lab.run("keys.stop.click(); keys.set_clip(None)")
 
 
+@pytest.fixture
+def slow(puller):
+    """A wire over which messages take their time until `settle` is called, a lab with two poses."""
+    lab = puller.lab
+    puller.wire.delay = 0.0
+    lab.run(
+        FRESH["region"] + "\nsession.set(beta=0.5, gamma=0.025)\n" + FRESH["expression"] + "\n"
+        "import tempfile\nfrom pathlib import Path\n"
+        "lab.strip.path = Path(tempfile.mkdtemp()) / 'poses.library.json'\n"
+        "lab.strip._items = {'neutral': lab.strip.poses['neutral']}\n"
+        "corner = session.neutral.landmarks['mouth_corner_left']\n"
+        "session.pull(corner, session.neutral.vertices[corner] + [2, 4, 0]); lab.strip.add('smile')"
+    )
+    lab.settle()
+
+    def settle():
+        puller.wire.delay = 0.0
+        lab.settle()
+
+    puller.wire.delay, puller.settle = 0.3, settle
+    yield puller
+    settle()
+
+
+def show_tab(lab, name, k=0):
+    lab.page.locator(".facelab-lab").nth(k).locator(".lm-TabBar-tabLabel", has_text=name).click()
+
+
+def press(control, key, times):
+    """A key, pressed quicker than the wire passes it on."""
+    control.focus()
+    for _ in range(times):
+        control.page.keyboard.press(key)
+
+
+def handle(lab, label):
+    return lab.page.get_by_role("slider", name=label, exact=True).first
+
+
+def test_what_is_done_next_overtakes_nothing_that_a_slow_wire_keeps_back(slow):
+    lab, page = slow.lab, slow.lab.page
+    show_tab(lab, "Poses")
+    name = page.get_by_placeholder("name of the pose").first
+    name.press_sequentially("grin")
+    name.press("Enter")
+    wait_until(lab, "len(lab.strip.poses) > 2")
+    press(handle(lab, "blend"), "ArrowRight", 6)
+    page.get_by_role("button", name="Add", exact=True).first.dblclick()
+    slow.settle()
+    assert lab.run("", p="list(lab.strip.poses)")["p"] == ["neutral", "smile", "grin", "pose 1"]
+    assert lab.run("", s="lab.strip.share.value")["s"] == 0.06
+    assert lab.run("", s="lab.strip.poses['pose 1'].same(session.state)")["s"]
+    show_tab(lab, "Pins")
+    slow.wire.delay = 0.3
+    press(handle(lab, "Stay close γ"), "ArrowRight", 5)
+    page.keyboard.press("z")
+    slow.settle()
+    assert lab.run("", g="session.gamma")["g"] == 0.025
+
+
+def test_keys_pressed_quicker_than_the_wire_all_count_and_what_is_shown_is_so(slow):
+    lab, page = slow.lab, slow.lab.page
+    lab.run("w = dict(zip(sketch.session.names, sketch.session.weights)); n = next(iter(w))")
+    unit = page.locator(".facelab-unit-bar").first
+    press(unit, "ArrowRight", 4)
+    undo = page.locator(".facelab-lab").nth(1).get_by_role("button", name="Undo")
+    undo.click()
+    slow.settle()
+    told = lab.run("", w="sketch.session.state.locked[n] - w[n]")["w"]
+    assert told == pytest.approx(0.15, abs=0.006)
+    slow.wire.delay = 0.3
+    page.get_by_role("button", name="Best α").click()
+    alpha = page.get_by_label("alpha", exact=True)
+    press(alpha, "ArrowLeft", 3)
+    slow.settle()
+    shown = float(alpha.evaluate("e => e.value"))
+    assert shown**2 == pytest.approx(lab.run("", a="sketch.session.alpha")["a"], abs=0.02)
+    assert lab.run("", a="sketch.session.state.alpha is not None")["a"]
+
+
+def test_a_key_moves_as_often_as_asked_and_a_double_click_takes_out_one(slow):
+    lab, page = slow.lab, slow.lab.page
+    lab.run(
+        "keys = lab.clip; keys.set_clip(None)\n"
+        "for keys.slider.value in (0, 25, 50): keys.key.click()\n"
+        "keys.stop.click()"
+    )
+    show_tab(lab, "Time")
+    key = page.locator(".facelab-track-key").nth(1)
+    press(key, "ArrowRight", 4)
+    slow.settle()
+    assert lab.run("", t="keys.track.times")["t"] == [0, 1.16, 2]
+    page.get_by_label("Remove this key").first.dblclick()
+    slow.settle()
+    assert lab.run("", t="keys.track.times")["t"] == [1.16, 2]
+    row = page.locator("[aria-label='Key poses'] .facelab-item").first
+    remove = row.get_by_label("Remove this key").bounding_box()
+    page.mouse.move(remove["x"] + 5, remove["y"] + 5)
+    page.mouse.down()
+    lab.run("keys.length.value = 5.0; keys.keys.items = [*keys.keys.items]; keys.keys.chosen = -1")
+    lab.run("keys.keys.items = [{**item, 'note': 'now'} for item in keys.keys.items]")
+    lab.settle()
+    page.mouse.up()
+    slow.settle()
+    assert lab.run("", t="keys.track.times")["t"] == [2]
+    lab.run("keys.set_clip(None)")
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("kind", FRESH)
 def test_pulls_of_any_pace_over_any_wire_end_alike_and_are_drawn_as_soon(puller, kind):
