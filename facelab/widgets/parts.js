@@ -97,6 +97,7 @@ function keys({ model, el }) {
     if (!model.get("heard").includes(key)) return;
     event.preventDefault();
     event.stopImmediatePropagation();
+    if (event.repeat && !/^(Ctrl\+)?[zy]$/.test(key)) return; // held down, it is still one press
     if (key !== "Escape") tellAll(); // that gives up what is under way
     model.send({ key });
   }, true);

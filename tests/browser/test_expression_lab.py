@@ -128,12 +128,12 @@ def test_another_sketch_is_loaded_pulled_and_a_bad_one_refused_in_the_page(page_
     for key in ("Escape", "z", None):
         page.mouse.move(x, y)
         page.mouse.down()
-        page.mouse.move(x, y + 12, steps=6)
+        page.mouse.move(x, y + 24, steps=6)
         wait_until(lab, "session.state.origin == 'pulled by hand'")
         if key:
             page.keyboard.press(key)
             wait_until(lab, "not lab.sketch_view.dragging")
-            page.mouse.move(x, y + 18, steps=3)
+            page.mouse.move(x, y + 36, steps=3)
         page.mouse.up()
         lab.settle()
         if key:
@@ -147,8 +147,9 @@ def test_another_sketch_is_loaded_pulled_and_a_bad_one_refused_in_the_page(page_
 def test_lambda_is_slid_by_ten_messages_a_second_at_most_and_ends_where_it_is_let_go(page_lab):
     lab, page = page_lab, page_lab.page
     lab.run(
-        "import time\nheard, hear = [], lab.lam.on_slide\n"
-        "def slide(*told):\n    heard.append(time.monotonic()); hear(*told)\n"
+        "left, hear, kernel = [], lab.lam.on_slide, get_ipython().kernel\n"
+        "def slide(*told):\n"
+        "    left.append(kernel.get_parent()['header']['date'].timestamp()); hear(*told)\n"
         "lab.lam.on_slide = slide; steps = session.n_undo"
     )
     page.get_by_role("tab", name="Fit", exact=True).first.click()
@@ -164,12 +165,12 @@ def test_lambda_is_slid_by_ten_messages_a_second_at_most_and_ends_where_it_is_le
     page.mouse.up()
     lab.settle()
     shown = page.get_by_role("spinbutton", name="Hold sum").first.input_value()
-    told = lab.run("", s="[session.state.lam, heard, session.n_undo - steps]")["s"]
-    lam, heard, steps = told[0], np.array(told[1]), told[2]
+    told = lab.run("", s="[session.state.lam, left, session.n_undo - steps]")["s"]
+    lam, left, steps = told[0], np.array(told[1]), told[2]
     assert f"{lam:g}" == shown and 0.1 < lam < 10 and steps == 1
-    assert len(heard) > 1
-    # counted where they arrive, so that one may have been late and the next in time
-    assert max(np.count_nonzero((heard >= t) & (heard < t + 1)) for t in heard) <= 11
+    assert len(left) > 1
+    # a busy page may have been late with one and in time with the next
+    assert max(np.count_nonzero((left >= t) & (left < t + 1)) for t in left) <= 11
 
 
 def test_what_can_be_saved_is_read_to_its_end(page_lab):

@@ -1041,6 +1041,7 @@ def test_a_step_is_meant_as_it_was_shown_and_not_by_its_place(lab):
     shown = lab.steps.list.items[0]
     assert shown["note"] == "undone"
     session.set(beta=0.1)
+    session.set(gamma=0.1)
     state = session.state
     press(lab.steps.list, "choose", shown["id"])
     assert session.state is state, "the step has gone"
