@@ -219,8 +219,8 @@ class ExpressionLab(Lab):
         self.session.observe(self._follow)
 
     def _sources(self):
-        name = self._place_of(self.session.state.origin)[0]
-        return [*self.sketches] if name in self.sketches else [name, *self.sketches]
+        # those to choose from first: the page names them by their place
+        return list(dict.fromkeys([*self.sketches, self._place_of(self.session.state.origin)[0]]))
 
     # --- what is shown ----------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 // and a bar for each unit. The kernel sends numbers; what is drawn from them is settled here.
 
 const SVG = "http://www.w3.org/2000/svg";
+const TELL = "facelab-tell"; // asks what is kept back to be told: something else will be at once
 
 function svg(name, attributes, parent, text = "") {
   const made = document.createElementNS(SVG, name);
@@ -56,8 +57,10 @@ function curve({ model, el }) {
     event.preventDefault();
     choose(Math.min(Math.max(model.get("place") + step, 0), alphas.length - 1));
   });
+  let chosen = null; // the last that the kernel was told: what it showed before hearing of it is old
   const choose = (place) => {
     if (place === model.get("place")) return;
+    chosen = place;
     model.set("place", place);
     model.save_changes();
     mark();
@@ -108,10 +111,12 @@ function curve({ model, el }) {
     svg("title", {}, star, `best: α = ${alphas[best]}`);
     mark();
   };
+  const hear = ({ heard, place }) => heard === chosen && model.set("place", place);
   draw();
+  model.on("msg:custom", hear);
   const undraw = follow(model, ["rms", "best", "reach"], draw);
   const unmark = follow(model, ["place"], mark);
-  return () => { undraw(); unmark(); };
+  return () => { undraw(); unmark(); model.off("msg:custom", hear); };
 }
 
 // A row for each unit: picture, name, bar (to be dragged), lock, exclude.
@@ -121,6 +126,7 @@ function bars({ model, el }) {
   // of a drag only its last place does.
   let waiting = [];
   let asked = null;
+  const told = new Map(); // weights by unit, until the kernel has heard of all
   const send = () => {
     asked = waiting.length ? Math.random() : null;
     if (asked) model.send({ edits: waiting, asked });
@@ -130,10 +136,17 @@ function bars({ model, el }) {
     const last = waiting[waiting.length - 1];
     if (what === "weight" && last?.[0] === "weight" && last[1] === unit) waiting.pop();
     waiting.push([what, unit, value]);
+    if (what === "weight") told.set(unit, value);
     if (!asked) send();
   };
-  const hear = ({ heard }) => heard === asked && send();
+  const hear = ({ heard }) => {
+    if (heard !== asked) return;
+    send();
+    if (!asked) told.clear();
+  };
+  const tellNow = () => waiting.length && send();
   model.on("msg:custom", hear);
+  document.addEventListener(TELL, tellNow);
   const rows = model.get("units").map((unit, index) => {
     const row = html("div", "facelab-unit", el);
     row.title = unit.tip;
@@ -169,7 +182,8 @@ function bars({ model, el }) {
       const step = { ArrowLeft: -0.05, ArrowDown: -0.05, ArrowRight: 0.05, ArrowUp: 0.05 }[event.key];
       if (!step) return;
       event.preventDefault();
-      tell("weight", index, Math.round(100 * (model.get("weights")[index] + step)) / 100);
+      const weight = told.get(index) ?? model.get("weights")[index];
+      tell("weight", index, Math.round(100 * (weight + step)) / 100);
       tell("settle", index, 0);
     });
     bar.addEventListener("pointerdown", (event) => {
@@ -214,7 +228,12 @@ function bars({ model, el }) {
   sort();
   const undraw = follow(model, ["weights", "states"], draw);
   const unsort = follow(model, ["order"], sort);
-  return () => { undraw(); unsort(); model.off("msg:custom", hear); };
+  return () => {
+    undraw();
+    unsort();
+    model.off("msg:custom", hear);
+    document.removeEventListener(TELL, tellNow);
+  };
 }
 
 export default {

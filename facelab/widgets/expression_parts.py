@@ -38,7 +38,14 @@ class AlphaCurve(_Drawn):
 
     def __init__(self, alphas, on_choose):
         super().__init__(kind="curve", alphas=list(alphas), rms=[0.0] * len(alphas))
-        self.observe(lambda change: on_choose(change["new"]), names="place")
+        self.on_choose = on_choose
+        self.observe(self._choose, names="place")
+
+    def _choose(self, change):
+        try:
+            self.on_choose(change["new"])
+        finally:
+            self.send({"heard": change["new"], "place": self.place})
 
 
 class UnitBars(_Drawn):

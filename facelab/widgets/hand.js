@@ -16,6 +16,7 @@ const GAP = 12; // pixels between faces
 const HIGHEST = 0.8; // of the window
 const BOTH_SIDES = 2; // three.DoubleSide
 const SVG = "http://www.w3.org/2000/svg";
+const TELL = "facelab-tell"; // asks what is kept back to be told: something else will be at once
 const PULL = "facelab-pull"; // tells the other views of a face what is pulled, and where to
 const VIEWS = [
   ["F", "From the front", [0, 0, 1]],
@@ -113,7 +114,7 @@ function teller(model) {
       waiting = message;
       timer ||= setTimeout(send, Math.max(0, last + EVERY - performance.now()));
     },
-    now(message) {
+    now(message = waiting) {
       clearTimeout(timer);
       waiting = message;
       send();
@@ -217,6 +218,10 @@ class Hand {
     on(window, "keydown", this.key, capture);
     on(window, "resize", this.fit);
     on(document, PULL, this.follow);
+    on(document, TELL, () => {
+      this.tell.now();
+      this.endSteps();
+    });
     const redraw = () => this.redraw();
     const orbit = this.orbit.obj;
     orbit.addEventListener("change", redraw);

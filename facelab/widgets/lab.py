@@ -3,6 +3,8 @@
 import contextlib
 import re
 from functools import cached_property
+from itertools import count
+from weakref import WeakKeyDictionary
 
 import ipywidgets as widgets
 
@@ -55,7 +57,9 @@ class Lab(Page):
         self.steps = StepPanel(self)
         panels = {**panels, "Steps": self.steps}
         self.tabs = widgets.Tab([p.widget for p in panels.values()], titles=tuple(panels))
-        self.keys = Keys({key: self._guarded(act) for key, act in reactions.items()}, self._settle)
+        reactions = {key: self._guarded(act) for key, act in reactions.items()}
+        controls = (c for part in (*stage, *above, self.tabs) for c in _inside(part))
+        self.keys = Keys(reactions, self._settle, controls)
         stage = widgets.VBox([*stage, self._status, self._message])
         self._panel = widgets.VBox([*above, self.tabs, widgets.HTML(_key_list(keys)), self.keys])
         stage.add_class("facelab-stage")
@@ -113,6 +117,7 @@ class StepPanel(Panel):
     """All steps in words; a click goes back, or forward, to one."""
 
     def _build(self):
+        self._numbers, self._count = WeakKeyDictionary(), count()  # of states, for the page
         self.list = ItemList("choice", self._react, label="Steps")
         self.list.layout.max_height = "330px"
         self.widget = self.list
@@ -123,10 +128,11 @@ class StepPanel(Panel):
         line, now = history.line, history.n_undo
         first = max(0, min(now, len(line) - _STEPS_SHOWN))
         shown = range(first, min(len(line), first + _STEPS_SHOWN))
+        numbers = {k: self._number(line[k]) for k in shown}
         words = {k: self.lab.step_words(line[k - 1], line[k]) if k else "the start" for k in shown}
         self.list.items = [
             {
-                "id": k,
+                "id": numbers[k],
                 "name": words[k],
                 "note": "undone" if k > now else "",
                 "tip": "Go to this step",
@@ -135,9 +141,22 @@ class StepPanel(Panel):
         ]
         self.list.chosen = shown[-1] - now
 
+    def _number(self, state):
+        """A number of its own: a place in line may be another step's by the time it is clicked."""
+        if state not in self._numbers:
+            self._numbers[state] = next(self._count)
+        return self._numbers[state]
+
     @shows_errors
-    def _react(self, _, place):
-        self.lab.go(place)
+    def _react(self, _, number):
+        self.lab.go([self._number(state) for state in self.session.history.line].index(number))
+
+
+def _inside(widget):
+    """A widget and all that is in it: generator."""
+    yield widget
+    for child in getattr(widget, "children", ()):
+        yield from _inside(child)
 
 
 def button(text, tip, react, width="auto"):

@@ -4,6 +4,8 @@
 const EDITABLE = "input:not([type=range]), textarea, select, [contenteditable=true], .cm-editor";
 const PLAYER = { play: "Play", pause: "Pause", stop: "Stop", retweet: "Repeat" };
 const OWN_KEYS = [" ", "Enter", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
+const AGAIN = ["Undo", "Redo"]; // buttons of which a double click is two
+const TELL = "facelab-tell"; // asks all parts to tell the kernel what they keep back
 
 // Keys go to the lab that the mouse is over, unless a text is being edited; JupyterLab's own
 // shortcuts would else cut and delete cells.
@@ -38,6 +40,21 @@ function keys({ model, el }) {
   };
   const watch = new MutationObserver(speak);
 
+  // A widget keeps a change back while its last one is under way: over a slow wire, or to a busy
+  // kernel, what the person does next would overtake it.
+  let controls = [];
+  Promise.all(model.get("controls").map((id) => model.widget_manager.get_model(id)))
+    .then((found) => (controls = found));
+  const tellAll = () => {
+    document.dispatchEvent(new Event(TELL));
+    for (const control of controls) {
+      if (!control._msg_buffer) continue;
+      const id = control.send_sync_message(control._msg_buffer, control._msg_buffer_callbacks);
+      control.rememberLastUpdateFor?.(id);
+      control._msg_buffer = control._msg_buffer_callbacks = null;
+    }
+  };
+
   const attach = () => {
     if (listen.signal.aborted) return;
     root = el.closest("." + model.get("root"));
@@ -52,7 +69,15 @@ function keys({ model, el }) {
       over = true;
       const editing = document.activeElement?.closest(EDITABLE);
       if (!event.target.closest(EDITABLE) && editing) document.activeElement.blur();
+      tellAll();
       if (event.target.localName !== "canvas") model.send({ press: true });
+    }, true);
+    on(root, "keydown", (event) => event.key === "Enter" && tellAll(), true);
+    on(root, "click", (event) => {
+      const button = event.target.closest(".widget-button");
+      if (event.detail > 1 && button && !AGAIN.includes(button.textContent.trim()))
+        event.stopImmediatePropagation();
+      tellAll();
     }, true);
   };
   attach();
@@ -72,6 +97,8 @@ function keys({ model, el }) {
     if (!model.get("heard").includes(key)) return;
     event.preventDefault();
     event.stopImmediatePropagation();
+    if (event.repeat && !/^(Ctrl\+)?[zy]$/.test(key)) return; // held down, it is still one press
+    if (key !== "Escape") tellAll(); // that gives up what is under way
     model.send({ key });
   }, true);
   return () => { listen.abort(); watch.disconnect(); };
@@ -87,7 +114,26 @@ function element(name, className, text = "") {
 // A list of rows or pictures. Each item: name, note, and of these what it has: color, picture,
 // bar (0 to 1) with bar_color, buttons [[name, sign, tip, pressed], ...].
 function list({ model, el }) {
+  let last = null; // the item clicked on: a double click does nothing to what has taken its place
+  const tell = (event, what, item) => {
+    event.stopPropagation();
+    const own = event.detail < 2 || (item === last && what !== "choose");
+    if (own) last = item;
+    if (own) model.send({ do: what, item });
+  };
+  let [gripped, stale] = [false, false]; // a row that goes between down and up hears of no click
+  const letGo = () => setTimeout(() => { // after the click
+    gripped = false;
+    if (stale) draw();
+  });
+  el.addEventListener("pointerdown", () => {
+    gripped = true;
+    for (const name of ["pointerup", "pointercancel"])
+      window.addEventListener(name, letGo, { capture: true, once: true });
+  });
   const draw = () => {
+    stale = gripped;
+    if (stale) return;
     const items = model.get("items");
     const focused = el.contains(document.activeElement) ? document.activeElement : null;
     const place = [focused?.closest(".facelab-item")?.dataset.id, null, focused?.dataset.do];
@@ -135,13 +181,10 @@ function list({ model, el }) {
         button.setAttribute("aria-label", tip);
         button.setAttribute("aria-pressed", String(Boolean(pressed)));
         button.classList.toggle("facelab-pressed", Boolean(pressed));
-        button.addEventListener("click", (event) => {
-          event.stopPropagation();
-          model.send({ do: name, item: item.id });
-        });
+        button.addEventListener("click", (event) => tell(event, name, item.id));
         row.append(button);
       }
-      row.addEventListener("click", () => model.send({ do: "choose", item: item.id }));
+      row.addEventListener("click", (event) => tell(event, "choose", item.id));
       return row;
     });
     el.replaceChildren(...rows);
@@ -247,13 +290,20 @@ function sliders({ model, el }) {
     heard = message.heard;
     settle();
   };
+  const tellNow = () => {
+    if (!waiting) return;
+    clearTimeout(timer);
+    flush();
+  };
   build();
   model.on("change:items", build);
   model.on("change:values", draw);
   model.on("msg:custom", hear);
+  document.addEventListener(TELL, tellNow);
   return () => {
+    document.removeEventListener(TELL, tellNow);
+    tellNow();
     clearTimeout(timer);
-    if (waiting) model.send(waiting);
     model.off("change:items", build);
     model.off("change:values", draw);
     model.off("msg:custom", hear);
@@ -269,18 +319,27 @@ function track({ model, el }) {
   const place = (t) => `${(100 * Math.min(t / model.get("length"), 1)).toFixed(3)}%`;
   const steady = (t) => Math.min(Math.max(Math.round(25 * t) / 25, 0), model.get("length"));
   let held = null;
+  let [asked, heard] = [0, 0];
   const draw = () => {
-    if (held) return;
+    if (held || heard < asked) return;
     const focused = [...line.children].indexOf(document.activeElement);
-    const keys = model.get("times").map((time, item) => {
+    const times = model.get("times");
+    const keys = times.map((time) => {
       const key = element("button", "facelab-track-key");
       key.style.left = place(time);
       key.title = `Key at ${time.toFixed(2)} s: drag it, or press the arrows`;
       key.setAttribute("aria-label", `key at ${time.toFixed(2)} s`);
-      let to = time;
+      let [from, to] = [time, time];
       const at = (event) => {
         const box = line.getBoundingClientRect();
         return steady(((event.clientX - box.left) / box.width) * model.get("length"));
+      };
+      // from where the kernel will have it by then, unless another key is in the way
+      const tell = () => {
+        model.send({ do: to === from ? "choose" : "move", item: from, to, asked: ++asked });
+        if (!times.some((t) => t !== time && Math.abs(t - to) < 0.02)) from = to;
+        to = from;
+        key.style.left = place(to);
       };
       key.addEventListener("pointerdown", (event) => {
         held = key;
@@ -293,15 +352,15 @@ function track({ model, el }) {
       });
       key.addEventListener("lostpointercapture", () => {
         held = null;
-        model.send({ do: to === time ? "choose" : "move", item, to });
-        if (to !== time) draw();
+        tell();
       });
       key.addEventListener("keydown", (event) => {
         const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
-        if (event.key === "Enter") model.send({ do: "choose", item, to: time });
+        if (event.key === "Enter") tell();
         if (!step) return;
         event.preventDefault();
-        model.send({ do: "move", item, to: steady(time + step / 25) });
+        to = steady(from + step / 25);
+        if (to !== from) tell();
       });
       return key;
     });
@@ -310,14 +369,20 @@ function track({ model, el }) {
     keys[focused]?.focus();
   };
   const stand = () => (now.style.left = place(model.get("now")));
+  const hear = (message) => {
+    heard = message.heard;
+    draw();
+  };
   draw();
   model.on("change:times", draw);
   model.on("change:length", draw);
   model.on("change:now", stand);
+  model.on("msg:custom", hear);
   return () => {
     model.off("change:times", draw);
     model.off("change:length", draw);
     model.off("change:now", stand);
+    model.off("msg:custom", hear);
   };
 }
 

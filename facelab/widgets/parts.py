@@ -27,13 +27,17 @@ class Keys(Part):
         By name of the key as the browser names it, lower case ("z", "Ctrl+z", "Escape", "Space").
     on_press : callable
         Called when the mouse goes down on a slider or a button, before that does anything.
+    controls : iterable of ipywidgets.Widget
+        Those of the lab. Before a key, a click or a press is told, they tell what they keep back.
     """
 
     heard = traitlets.List(traitlets.Unicode()).tag(sync=True)
+    controls = traitlets.List(traitlets.Unicode()).tag(sync=True)
     root = traitlets.Unicode(ROOT).tag(sync=True)
 
-    def __init__(self, reactions, on_press):
-        super().__init__(kind="keys", heard=list(reactions))
+    def __init__(self, reactions, on_press, controls=()):
+        controls = [control.model_id for control in controls]
+        super().__init__(kind="keys", heard=list(reactions), controls=controls)
         self.reactions, self.on_press = reactions, on_press
         self.on_msg(self._hear)
 
@@ -61,8 +65,9 @@ class ItemList(Part):
     Attributes
     ----------
     items : list of dict
-        Each with id and name; and note, tip, color, picture (PNG as base64), bar (0 to 1) with
-        bar_color, buttons (name, sign, tip, whether pressed), as it has them.
+        Each with name, and an id that is its own whatever becomes of the others; and note, tip,
+        color, picture (PNG as base64), bar (0 to 1) with bar_color, buttons (name, sign, tip,
+        whether pressed), as it has them.
     chosen : int
         Place of the chosen item, -1 for none.
     """
@@ -75,7 +80,13 @@ class ItemList(Part):
 
     def __init__(self, shape, react, empty="", label=""):
         super().__init__(kind="list", shape=shape, empty=empty, label=label)
-        self.on_msg(lambda _, message, __: react(message["do"], message["item"]))
+        self.react = react
+        self.on_msg(self._hear)
+
+    def _hear(self, _, message, __):
+        # the page may not know yet that an item has gone
+        if any(item["id"] == message["item"] for item in self.items):
+            self.react(message["do"], message["item"])
 
 
 class Sliders(Part):
@@ -122,7 +133,7 @@ class Track(Part):
     Parameters
     ----------
     react : callable
-        Called with ("move", place of the key, seconds) or ("choose", place, seconds).
+        Called with ("move" or "choose", time of a key, where to), seconds.
 
     Attributes
     ----------
@@ -138,4 +149,12 @@ class Track(Part):
 
     def __init__(self, react):
         super().__init__(kind="track")
-        self.on_msg(lambda _, message, __: react(message["do"], message["item"], message["to"]))
+        self.react = react
+        self.on_msg(self._hear)
+
+    def _hear(self, _, message, __):
+        try:
+            if message["item"] in self.times:  # the page may not know yet that it has gone
+                self.react(message["do"], message["item"], message["to"])
+        finally:
+            self.send({"heard": message["asked"]})

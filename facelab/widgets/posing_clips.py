@@ -128,7 +128,7 @@ class ClipPanel(Panel):
         times = () if self.clip is None else self.clip.times
         remove = [["remove", "✕", "Remove this key", False]]
         self.keys.items = [
-            {"id": i, "name": f"key at {t:.2f} s", "buttons": remove} for i, t in enumerate(times)
+            {"id": t, "name": f"key at {t:.2f} s", "buttons": remove} for t in map(float, times)
         ]
         near = [i for i, t in enumerate(times) if abs(t - self.seconds) < 0.5 / _FPS]
         self.keys.chosen = near[0] if near else -1
@@ -295,11 +295,15 @@ class ClipPanel(Panel):
                 return
         self.set_clip(clip)
 
+    def _place(self, time):
+        return self.clip.times.tolist().index(time)
+
     @shows_errors
-    def _on_track(self, do, i, seconds):
+    def _on_track(self, do, time, seconds):
         if do == "choose":
-            self.slider.value = round(float(self.clip.times[i]) * _FPS)
+            self.slider.value = round(time * _FPS)
             return
+        i = self._place(time)
         taken = np.flatnonzero(np.abs(self.clip.times - seconds) < 0.5 / _FPS)
         if taken.size and taken[0] != i:
             self.refresh()
@@ -308,11 +312,11 @@ class ClipPanel(Panel):
         self.slider.value = round(seconds * _FPS)
 
     @shows_errors
-    def _react(self, do, i):
+    def _react(self, do, time):
         if do == "choose":
-            self.slider.value = round(float(self.clip.times[i]) * _FPS)
+            self.slider.value = round(time * _FPS)
         else:
-            clip = self.clip
+            clip, i = self.clip, self._place(time)
             of_key = ("times", "poses", "names", "gaze")
             gone = replace(clip, **{name: getattr(clip, name)[i : i + 1] for name in of_key})
             self.set_clip(clip.without_key(i) if len(clip.times) > 1 else None, self.model)

@@ -299,9 +299,11 @@ class PosingLab(Lab):
     def _follow(self, what):
         """The session has changed, by this lab, another one, or a script."""
         try:
-            over = self.stage.held is not None and not self.session.dragging
-            if over:  # by an undo, here or elsewhere
-                self._give_up()
+            held, live = self.stage.held, self.session.history.live
+            over = held is not None and (live is None or live.vertex != held)
+            if over:  # by an undo, or a pull elsewhere
+                self.stage.give_up()
+                self.refresh()
             if what == "step":
                 self.frame = self.clip.frame if self.clip.over_pose else None
                 self._note_step()

@@ -169,10 +169,11 @@ class ShapePanel(Panel):
         self.gaze.values = np.round(session.gaze, 3).tolist()
         said, order = self.slider_names(self.region), self._order()
         values, ranges = session.slider_values(self.region), session.mold_ranges(self.region)
+        model = self.lab.model_name  # what was moved before another was chosen is not of that
         with self.sliders.hold_sync():
             self.sliders.color = self._colors[self.region]
             self.sliders.items = [
-                {"id": f"{self.region} {k}", "name": said[k][0], "tip": said[k][1]}
+                {"id": f"{self.region} {k} {model}", "name": said[k][0], "tip": said[k][1]}
                 | dict(zip(("low", "high"), map(float, ranges[k]), strict=True))
                 for k in order
             ]
@@ -222,7 +223,7 @@ class ShapePanel(Panel):
 
     @shows_errors
     def _slide(self, slider, value):
-        region, k = map(int, slider.split())
+        region, k = map(int, slider.split(" ", 2)[:2])
         with self.session.group(f"mold {slider}"):
             self.session.slide(region, k, value)
 

@@ -20,11 +20,12 @@ import nbformat
 from get_browser import find
 from jupyter_client import BlockingKernelClient
 from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import expect, sync_playwright
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 120
 """Seconds after which something that should happen is taken not to: a busy machine is slow."""
+expect.set_options(timeout=1000 * PATIENCE)
 FLAGS = [  # software rendering, and nothing that calls home
     *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--ignore-gpu-blocklist", "--disable-background-networking", "--no-first-run"),
@@ -298,12 +299,14 @@ class Lab:
     def settle(self):
         """Wait until the page and the kernel have heard each other out, and the page is drawn.
 
+        The lab's own parts tell first what they keep back for a moment, such as moves of the mouse.
         A call that comes back means that each has heard all that the other sent before it. It goes
         there and back twice: the kernel hears what answers a cell in one thread, and what answers
         the page's own messages in another. But a widget of the page keeps changes back until the
         kernel has dealt with its last one: those are heard by the second call. What the kernel
         answers to them is drawn by the third.
         """
+        self.page.evaluate("document.dispatchEvent(new Event('facelab-tell'))")
         for draw in (False, False, True):
             self._wait(lambda d=draw: self._called(d), PATIENCE, "the page does not answer")
         self.run("pass")  # comes after all that waited beside the last call

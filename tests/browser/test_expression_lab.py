@@ -128,12 +128,12 @@ def test_another_sketch_is_loaded_pulled_and_a_bad_one_refused_in_the_page(page_
     for key in ("Escape", "z", None):
         page.mouse.move(x, y)
         page.mouse.down()
-        page.mouse.move(x, y + 12, steps=6)
+        page.mouse.move(x, y + 24, steps=6)
         wait_until(lab, "session.state.origin == 'pulled by hand'")
         if key:
             page.keyboard.press(key)
             wait_until(lab, "not lab.sketch_view.dragging")
-            page.mouse.move(x, y + 18, steps=3)
+            page.mouse.move(x, y + 36, steps=3)
         page.mouse.up()
         lab.settle()
         if key:

@@ -99,7 +99,6 @@ class Puller:
         canvas, start = self._place(kind)
         mouse, page = self.lab.page.mouse, self.lab.page
         mouse.move(*start)
-        page.wait_for_timeout(150)  # as long as the page keeps back what is under the mouse
         self.lab.settle()
         page.evaluate("sent.length = late.length = 0")
         self.wire.delay = delay
@@ -111,7 +110,6 @@ class Puller:
             mouse.move(*(start + OFFSET * k / steps))
             page.wait_for_timeout(max(0, 1000 * (began + seconds * k / steps - time.monotonic())))
         if look:
-            page.wait_for_timeout(200)  # as long as the page keeps a move back
             self.lab.settle()
             drawn, pose = self._seen(kind, canvas)
             assert np.abs(drawn - pose).max() < 0.005, "the page draws another face"
@@ -217,7 +215,7 @@ def test_frames_that_are_on_their_way_when_a_clip_is_stopped_are_not_shown(pulle
     lab = puller.lab
     puller.wire.delay = 0.0
     lab.run(
-        "session.reset(); keys = lab.clip\n"
+        "session.reset(); keys = lab.clip; keys.length.value = 60\n"
         "for keys.slider.value in (0, 50): keys.stop.click(); keys.key.click()\n"
         "keys.slider.value = 0; keys.stop.click()"
     )
@@ -226,14 +224,126 @@ def test_frames_that_are_on_their_way_when_a_clip_is_stopped_are_not_shown(pulle
     lab.run("keys.play.playing = True")
     wait_until(lab, "lab.frame is not None and keys.seconds > 0.3")
     lab.run("keys.stop.click(); stopped = keys.seconds")
-    lab.page.wait_for_timeout(2500)
     lab.settle()
-    assert lab.run("", gone_on="keys.seconds > stopped + 0.5")["gone_on"]
+    assert lab.run("", gone_on="keys.seconds > stopped")["gone_on"]
     assert lab.run("", pose="lab.frame is None")["pose"]
     puller.wire.delay = 0.0
     lab.run("keys.slider.value = 25")
     assert lab.run("", frame="lab.frame is not None")["frame"]
-    lab.run("keys.stop.click(); keys.set_clip(None)")
+    lab.run("keys.stop.click(); keys.set_clip(None); keys.length.value = 3")
+
+
+@pytest.fixture
+def slow(puller):
+    """A wire over which messages take their time until `settle` is called, a lab with two poses."""
+    lab = puller.lab
+    puller.wire.delay = 0.0
+    lab.run(
+        FRESH["region"] + "\nsession.set(beta=0.5, gamma=0.025)\n" + FRESH["expression"] + "\n"
+        "import tempfile\nfrom pathlib import Path\n"
+        "lab.strip.path = Path(tempfile.mkdtemp()) / 'poses.library.json'\n"
+        "lab.strip._items = {'neutral': lab.strip.poses['neutral']}\n"
+        "corner = session.neutral.landmarks['mouth_corner_left']\n"
+        "session.pull(corner, session.neutral.vertices[corner] + [2, 4, 0]); lab.strip.add('smile')"
+    )
+    lab.settle()
+
+    def settle():
+        puller.wire.delay = 0.0
+        lab.settle()
+
+    puller.wire.delay, puller.settle = 0.3, settle
+    yield puller
+    settle()
+
+
+def show_tab(lab, name, k=0):
+    lab.page.locator(".facelab-lab").nth(k).locator(".lm-TabBar-tabLabel", has_text=name).click()
+
+
+def press(control, key, times):
+    """A key, pressed quicker than the wire passes it on."""
+    control.focus()
+    for _ in range(times):
+        control.page.keyboard.press(key)
+
+
+def handle(lab, label):
+    return lab.page.get_by_role("slider", name=label, exact=True).first
+
+
+def test_what_is_done_next_overtakes_nothing_that_a_slow_wire_keeps_back(slow):
+    lab, page = slow.lab, slow.lab.page
+    show_tab(lab, "Poses")
+    name = page.get_by_placeholder("name of the pose").first
+    name.press_sequentially("grin")
+    name.press("Enter")
+    wait_until(lab, "len(lab.strip.poses) > 2")
+    press(handle(lab, "blend"), "ArrowRight", 6)
+    page.get_by_role("button", name="Add", exact=True).first.dblclick()
+    slow.settle()
+    assert lab.run("", p="list(lab.strip.poses)")["p"] == ["neutral", "smile", "grin", "pose 1"]
+    assert lab.run("", s="lab.strip.share.value")["s"] == 0.06
+    assert lab.run("", s="lab.strip.poses['pose 1'].same(session.state)")["s"]
+    show_tab(lab, "Pins")
+    slow.wire.delay = 0.3
+    press(handle(lab, "Stay close γ"), "ArrowRight", 5)
+    page.keyboard.press("z")
+    slow.settle()
+    assert lab.run("", g="session.gamma")["g"] == 0.025
+    for _ in range(3):
+        page.keyboard.down("p")  # after the first, as a key that is held down
+    page.keyboard.up("p")
+    slow.settle()
+    assert len(lab.run("", p="list(lab.strip.poses)")["p"]) == 5
+
+
+def test_keys_pressed_quicker_than_the_wire_all_count_and_what_is_shown_is_so(slow):
+    lab, page = slow.lab, slow.lab.page
+    lab.run("w = dict(zip(sketch.session.names, sketch.session.weights)); n = next(iter(w))")
+    unit = page.locator(".facelab-unit-bar").first
+    press(unit, "ArrowRight", 4)
+    undo = page.locator(".facelab-lab").nth(1).get_by_role("button", name="Undo")
+    undo.click()
+    slow.settle()
+    told = lab.run("", w="sketch.session.state.locked[n] - w[n]")["w"]
+    assert told == pytest.approx(0.15, abs=0.006)
+    slow.wire.delay = 0.3
+    page.get_by_role("button", name="Best α").click()
+    alpha = page.get_by_label("alpha", exact=True)
+    press(alpha, "ArrowLeft", 3)
+    slow.settle()
+    shown = float(alpha.evaluate("e => e.value"))
+    assert shown**2 == pytest.approx(lab.run("", a="sketch.session.alpha")["a"], abs=0.02)
+    assert lab.run("", a="sketch.session.state.alpha is not None")["a"]
+
+
+def test_a_key_moves_as_often_as_asked_and_a_double_click_takes_out_one(slow):
+    lab, page = slow.lab, slow.lab.page
+    lab.run(
+        "keys = lab.clip; keys.set_clip(None)\n"
+        "for keys.slider.value in (0, 25, 50): keys.key.click()\n"
+        "keys.stop.click()"
+    )
+    show_tab(lab, "Time")
+    key = page.locator(".facelab-track-key").nth(1)
+    press(key, "ArrowRight", 4)
+    slow.settle()
+    assert lab.run("", t="keys.track.times")["t"] == [0, 1.16, 2]
+    page.get_by_label("Remove this key").first.dblclick()
+    slow.settle()
+    assert lab.run("", t="keys.track.times")["t"] == [1.16, 2]
+    row = page.locator("[aria-label='Key poses'] .facelab-item").first
+    remove = row.get_by_label("Remove this key").bounding_box()
+    page.mouse.move(remove["x"] + 5, remove["y"] + 5)
+    page.mouse.down()
+    lab.run("keys.length.value = 5.0; keys.keys.items = [*keys.keys.items]; keys.keys.chosen = -1")
+    lab.run("keys.keys.items = [{**item, 'note': 'now'} for item in keys.keys.items]")
+    lab.settle()
+    page.mouse.up()
+    slow.settle()
+    assert lab.run("", t="keys.track.times")["t"] == [2]
+    lab.run("keys.set_clip(None)")
 
 
 @pytest.mark.long

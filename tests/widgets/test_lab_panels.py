@@ -749,12 +749,12 @@ def test_keys_are_dragged_along_the_line_of_time(lab):
     pull(lab.session, 17, [0, 0, 4.0])
     lab.clip.key.click()
     assert lab.clip.track.times == [0.0, 2.0] and lab.clip.track.length == 3.0
-    press(lab.clip.track, "move", 1, to=1.2)
+    press(lab.clip.track, "move", 2.0, to=1.2, asked=1)
     assert lab.clip.track.times == [0.0, 1.2] and lab.clip.track.now == pytest.approx(1.2)
-    press(lab.clip.track, "move", 1, to=0.0)
+    press(lab.clip.track, "move", 1.2, to=0.0, asked=2)
     assert "a key at 0.00 s already" in lab._message.value
     assert lab.clip.track.times == [0.0, 1.2]
-    press(lab.clip.track, "choose", 0, to=0.0)
+    press(lab.clip.track, "choose", 0.0, to=0.0, asked=3)
     assert lab.clip.seconds == 0
 
 
@@ -787,25 +787,25 @@ def test_a_key_taken_out_can_be_put_back(keyed):
     clip = keyed.clip
     before, n_undo = clip.clip, keyed.session.n_undo
 
-    def take_out(i):
-        press(clip.keys, "remove", i)
+    def take_out(time):
+        press(clip.keys, "remove", time)
         assert clip.back.widget.layout.display != "none"
 
-    take_out(0)
+    take_out(1.32)
     assert "1.32 s" in clip.back._text.value and clip.track.times == [2.0]
     clip.back.button.click()
     assert clip.back.widget.layout.display == "none" and keyed.session.n_undo == n_undo
     for name in ("times", "poses", "gaze", "names"):
         np.testing.assert_array_equal(getattr(clip.clip, name), getattr(before, name))
-    take_out(0)
-    take_out(0)
+    take_out(1.32)
+    take_out(2.0)
     assert clip.clip is None
     clip.back.button.click()
     assert clip.track.times == [2.0], "of all, the last that was taken out"
-    take_out(0)
+    take_out(2.0)
     clip.slider.value = 0
     clip.key.click()
-    press(clip.track, "move", 0, to=2.0)
+    press(clip.track, "move", 0.0, to=2.0, asked=1)
     clip.back.button.click()
     assert "another key at 2.00 s" in keyed._message.value and clip.track.times == [2.0]
 
@@ -895,9 +895,9 @@ def test_what_is_kept_during_a_drag_is_what_is_on_screen(lab, kept):
 def test_the_frame_of_keys_that_are_gone_leaves_the_screen(keyed):
     lab, clip = keyed, keyed.clip
     clip.slider.value = 45
-    press(clip.keys, "remove", 1)
+    press(clip.keys, "remove", 2.0)
     np.testing.assert_array_equal(lab.vertices, lab.session.neutral.vertices)
-    press(clip.keys, "remove", 0)
+    press(clip.keys, "remove", 1.32)
     assert lab.frame is None and "your pose is not" not in clip._about.value
     clip.key.click()
     assert clip.track.times == [1.8]
@@ -1044,3 +1044,93 @@ def test_a_pose_is_loaded_over_a_frame_that_the_model_cannot_pose(lab, monkeypat
     lab.files.load.click()
     assert lab._message.value == ""
     np.testing.assert_array_equal(lab.session.vertices, pose)
+
+
+# --- messages that cross each other ---------------------------------------------------------------
+
+
+def test_what_a_page_says_of_things_that_are_gone_does_nothing_to_others(keyed):
+    lab, session, clip = keyed, keyed.session, keyed.clip
+    lab.strip.add("mine")
+    pull(session, 17, [0, 0, 2.0])
+    session.remove_pin(17)
+    press(clip.keys, "remove", 1.32)
+    press(lab.strip.strip, "remove", "mine")
+    state, poses = session.state, list(lab.strip.poses)
+    for do in ("hide", "lock", "weight", "remove"):
+        press(lab.pose.pins, do, 17)
+    for do in ("choose", "remove"):
+        press(lab.strip.strip, do, "mine")
+        press(clip.keys, do, 1.32)
+    press(clip.track, "move", 1.32, to=0.2, asked=1)
+    press(lab.shape.regions, "choose", 3)  # of the region model: the rig is one
+    assert session.state is state and list(lab.strip.poses) == poses
+    assert clip.track.times == [2.0] and lab._message.value == "" and lab.shape.region == 0
+
+
+def test_the_page_hears_of_each_move_of_a_key_also_of_one_that_is_refused(keyed):
+    heard, track = [], keyed.clip.track
+    track.send = lambda content: heard.append(content["heard"])
+    press(track, "move", 1.32, to=1.0, asked=1)
+    press(track, "move", 1.0, to=2.0, asked=2)
+    press(track, "move", 0.52, to=0.6, asked=3)
+    assert heard == [1, 2, 3] and track.times == [1.0, 2.0]
+
+
+def test_a_step_is_meant_as_it_was_shown_and_not_by_its_place(lab):
+    session = lab.session
+    for vertex in (17, 90):
+        pull(session, vertex, [0, 0, 2.0])
+    session.undo()
+    shown = lab.steps.list.items[0]
+    assert shown["note"] == "undone"
+    session.set(beta=0.1)
+    session.set(gamma=0.1)
+    state = session.state
+    press(lab.steps.list, "choose", shown["id"])
+    assert session.state is state, "the step has gone"
+    press(lab.steps.list, "choose", lab.steps.list.items[-1]["id"])
+    assert session.n_undo == 0
+
+
+def test_a_slider_of_another_model_moves_nothing_of_this_one(lab):
+    moved = lab.shape.sliders.items[0]["id"]
+    lab.session.use(lab.models["rig"])
+    state = lab.session.state
+    slide(lab.shape.sliders, moved, 0.5)
+    assert lab.session.state is state
+
+
+def test_of_two_hands_on_one_session_the_last_one_has_it(lab):
+    twin = PosingLab(lab.session, lab.models, folder=lab.folder)
+    hands = {lab: 17, twin: 90}
+    for each, vertex in hands.items():
+        each.view._hear({"do": "press", "press": str(vertex), "vertex": vertex})
+        each.view._hear({"do": "move", "press": str(vertex), "offset": [0, 0, 1.0]})
+    assert lab.stage.held is None and "given up" in lab._status.value
+    for offset in ([0, 0, 2.0], [0, 0, 3.0]):
+        for vertex, each in zip((17, 90), (lab, twin), strict=True):
+            each.view._hear({"do": "move", "press": str(vertex), "offset": offset})
+    for each, vertex in hands.items():
+        each.view._hear({"do": "release", "press": str(vertex), "offset": [0, 0, 3.0]})
+    assert lab.session.n_undo == 2
+    went = [lab.session.pins[v] - lab.mesh.vertices[v] for v in hands.values()]
+    np.testing.assert_allclose(np.array(went)[:, 2], [1, 3], atol=0.2)
+
+
+def test_a_source_of_sketches_keeps_its_place_when_the_sketch_is_pulled(expression):
+    before = expression.source.options
+    expression.session.set_pin(17, expression.session.sketch[17] + [0, 0, 2.0])
+    expression.source.value = "neutral"
+    expression.session.set_pin(17, expression.session.sketch[17] + [0, 0, 2.0])
+    after = expression.source.options
+    assert expression.source.value == "pulled by hand"
+    assert [before.index(n) for n in ("posed", "neutral")] == [0, 1]
+    assert [after.index(n) for n in ("posed", "neutral")] == [0, 1]
+
+
+def test_the_page_learns_where_alpha_is_though_it_was_moved_meanwhile(expression):
+    sent, curve = [], expression.curve
+    curve.send = sent.append
+    curve.place = 12
+    assert sent == [{"heard": 12, "place": 12}]

@@ -463,6 +463,7 @@ def test_the_gauge_of_the_region_that_was_pulled_rises(lab):
 
 
 def slide(lab, slider, value):
+    slider = f"{slider} {lab.model_name}"
     lab.shape.sliders._handle_custom_msg({"item": slider, "value": value, "asked": 1}, [])
 
 
