@@ -18,7 +18,7 @@ from facelab.files.words import distinct, listed, quoted
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size, face_scale, longest_side, mesh_scale
-from facelab.geometry.welding import alike, same_place, shrunk
+from facelab.geometry.welding import alike, near_borders, numbered, same_place, shrunk
 from facelab.rig import BlendshapeRig, RigSource
 from facelab.storage import load_npz, save_npz
 
@@ -33,6 +33,7 @@ _FACIAL = re.compile(
 _NEUTRAL = ("neutral", "rest", "basis", "base", "default")  # the plainest word first
 _PLACE = 0.001  # mm: vertices so near to each other are in one place
 _SAME = 0.01  # mm: and are two sides of a seam, if no shape moves them more apart than this
+_NEAR = 0.05  # mm: two sides of a seam in coarse coordinates, of which each primitive has its own
 _FAR = 0.5  # of the spread of a face: no expression moves all of it so far on average
 _SHIFT = 0.01  # of it: a shape that moves the whole head further is said
 _STAYS = 0.002  # of it: what moves less stays in its place
@@ -498,8 +499,9 @@ def _welded(path, part, scale):
         )
     place = same_place(V, _PLACE)
     index = alike(place, deltas, _SAME)
+    index = _along_borders(V, part.faces, deltas, index)
     kept = np.unique(index, return_index=True)[1]
-    apart = len(kept) - int(place.max()) - 1
+    apart = len(np.unique([place, index], axis=1).T) - int(place.max()) - 1
     try:
         gone = shrunk(part.faces, index)
         texture = None if part.texture is None else part.texture.on(~gone)
@@ -507,3 +509,19 @@ def _welded(path, part, scale):
     except ValueError as error:  # ours, from the one place that checks a mesh
         raise ValueError(f"{path}: {error}") from None
     return mesh, deltas[:, kept], index, apart
+
+
+def _along_borders(V, faces, deltas, index):
+    """Groups of vertices joined also where borders meet nearly and move alike.
+
+    Where a triangle would be lost, as of a narrow strip, nothing is joined.
+    """
+    kept = np.unique(index, return_index=True)[1]
+    F = index[faces[~shrunk(faces, index)]]
+    near = near_borders(V[kept], F, _NEAR)
+    if near.max() + 1 == len(kept):
+        return index
+    joined = alike(near, deltas[:, kept], _NEAR)
+    torn = np.unique(F[shrunk(F, joined)])
+    joined[torn] = len(kept) + torn
+    return numbered(joined)[index]

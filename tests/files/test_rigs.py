@@ -10,7 +10,7 @@ from mutants import COUNT, tally
 from scipy.spatial.transform import Rotation
 from shapes import sphere_mesh
 
-from facelab.files import read_mesh, read_rig, write_glb, write_obj, write_rig
+from facelab.files import read_mesh, read_rig, write_glb, write_into, write_obj, write_rig
 from facelab.geometry.mesh import TriangleMesh
 from facelab.rig import BlendshapeRig
 
@@ -106,6 +106,24 @@ def test_lips_that_touch_stay_apart_and_seams_close(tmp_path):
     assert rig.neutral.n_vertices == 11
     assert rig.source.index[3] == rig.source.index[6]
     assert rig.source.apart == 2
+
+
+def test_a_seam_in_coarse_coordinates_closes_and_a_narrow_strip_stays(tmp_path, rig, rng):
+    """As of two materials that Draco compressed, each on a grid of its own."""
+    V, F, n = rig.neutral.vertices, rig.neutral.faces, rig.neutral.n_vertices
+    left = V[F].mean(axis=1)[:, 0] > 0
+    seam = np.intersect1d(F[left], F[~left])
+    new = np.arange(n)
+    new[seam] = n + np.arange(len(seam))
+    F = np.vstack([np.where(left[:, None], new[F], F), n + len(seam) + np.array([[0, 1, 2]])])
+    strip = V[4] + [[0, 0, 50], [0, 9, 50], [0.03, 9, 50]]
+    cut = np.vstack([V, V[seam] + rng.uniform(-0.02, 0.02, (len(seam), 3)), strip])
+    deltas = np.hstack([rig.deltas, rig.deltas[:, seam], np.zeros((3, 3, 3))])
+    write_glb(tmp_path / "cut.glb", TriangleMesh(cut, F), deltas, rig.names)
+    again = read_rig(tmp_path / "cut.glb")
+    assert again.neutral.n_vertices == n + 3 and len(again.neutral.faces) == len(F)
+    np.testing.assert_array_equal(again.source.index[seam], again.source.index[n : n + len(seam)])
+    write_into(tmp_path / "more.glb", again, {"more": again.deltas[0]})
 
 
 def test_shapes_without_names_are_numbered_and_said(tmp_path, rig):
