@@ -70,7 +70,8 @@ def closed(mesh):
     """
     V, marks = mesh.vertices, as_landmarks(MULTI_PIE, mesh.landmarks)
     place = same_place(V, min(_PLACE, 5e-6 * longest_side(V)))
-    near = near_borders(V, mesh.faces, _NEAR) if len(V) < 3 * len(mesh.faces) else place
+    reach = min(_NEAR, 5e-4 * longest_side(V))
+    near = near_borders(V, mesh.faces, reach) if len(V) < 3 * len(mesh.faces) else place
     if min(place.max(), near.max()) + 1 == len(V):
         known = list(marks) == list(mesh.landmarks)
         return mesh if known else TriangleMesh(V, mesh.faces, marks), np.arange(len(V))

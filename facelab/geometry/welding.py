@@ -55,6 +55,7 @@ def near_borders(vertices, faces, tolerance):
     vertices : ndarray of shape (n_vertices, 3)
     faces : ndarray of int, shape (n_faces, 3)
     tolerance : float
+        Where it spans whole neighbourhoods, as in a tuft of hair, borders are told apart exactly.
 
     Returns
     -------
@@ -64,7 +65,11 @@ def near_borders(vertices, faces, tolerance):
     edges, count = np.unique(ends.T, axis=0, return_counts=True)
     border, index = np.unique(edges[count == 1]), np.arange(len(vertices))
     if len(border):
-        index[border] = len(vertices) + same_place(vertices[border], tolerance)
+        try:
+            near = same_place(vertices[border], tolerance)
+        except ValueError:
+            near = same_place(vertices[border])
+        index[border] = len(vertices) + near
     return numbered(index)
 
 

@@ -133,6 +133,11 @@ def test_skull_and_face_in_two_pieces_stay_together(source, bare, head, off, rng
     np.testing.assert_allclose(d[ring], 0, atol=1e-9)
 
 
+def test_a_face_in_metres_is_closed_as_one_in_millimetres(bare):
+    small, index = closed(bare.with_vertices(bare.vertices / 1000))
+    assert small.n_vertices == bare.n_vertices
+
+
 def soup_of(mesh):
     """The same surface in loose triangles, as an STL file has it."""
     first = {n: int(np.argmax(mesh.faces.ravel() == v)) for n, v in mesh.landmarks.items()}

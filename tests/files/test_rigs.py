@@ -126,6 +126,16 @@ def test_a_seam_in_coarse_coordinates_closes_and_a_narrow_strip_stays(tmp_path, 
     write_into(tmp_path / "more.glb", again, {"more": again.deltas[0]})
 
 
+def test_a_tuft_of_hair_within_less_than_a_seam_is_read_as_it_is(tmp_path, rig, rng):
+    """Cards whose roots all lie in nearly one place."""
+    V, n = rig.neutral.vertices, rig.neutral.n_vertices
+    cards = V[4] + rng.uniform(-0.025, 0.025, (60, 3)) + [[0, 0, 50]]
+    F = np.vstack([rig.neutral.faces, n + np.arange(60).reshape(-1, 3)])
+    mesh = TriangleMesh(np.vstack([V, cards]), F)
+    write_glb(tmp_path / "tuft.glb", mesh, np.pad(rig.deltas, ((0, 0), (0, 60), (0, 0))), rig.names)
+    assert read_rig(tmp_path / "tuft.glb").neutral.n_vertices == n + 60
+
+
 def test_shapes_without_names_are_numbered_and_said(tmp_path, rig):
     write_glb(tmp_path / "a.glb", rig.neutral, rig.deltas, ["", "x", "y"])
     with pytest.warns(UserWarning, match=r"1 morph target\(s\) of 'face' have no name.*target 1"):
