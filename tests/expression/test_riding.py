@@ -134,7 +134,7 @@ def test_skull_and_face_in_two_pieces_stay_together(source, bare, head, off, rng
 
 
 def test_a_face_in_metres_is_closed_as_one_in_millimetres(bare):
-    small, index = closed(bare.with_vertices(bare.vertices / 1000))
+    small, _ = closed(bare.with_vertices(bare.vertices / 1000))
     assert small.n_vertices == bare.n_vertices
 
 
