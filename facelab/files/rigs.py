@@ -39,6 +39,7 @@ _SHIFT = 0.01  # of it: a shape that moves the whole head further is said
 _STAYS = 0.002  # of it: what moves less stays in its place
 _EQUAL = 1e-6  # of the longest side: the digits of a text file
 _POINT = 0.1  # mm: what is smaller is a place in a scene, not a part of a head
+_MOVES = 0.1  # mm: what moves less is no expression
 _BODY = 7.0  # a mesh so many times as large as what its shapes move is a body with a face
 
 
@@ -131,9 +132,13 @@ def _from_gltf(path, mesh, scale):
     names = [_distinct(scene.path, part) for part in parts]
     if chosen is None:
         chosen = max(range(len(parts)), key=lambda k: _facial(names[k], parts[k]))
+        same = [k for k in range(len(parts)) if _as_large(parts[k], parts[chosen])]
+        same = [k for k in same if set(names[k]) == set(names[chosen])]
+        chosen = max(same, key=lambda k: len(parts[k].vertices))  # of several levels of detail
     head = parts[chosen]
     scale = _unit(scene.path, head.vertices, head.deltas, unit_of(".glb"), scale)
     _say_displaced(path, mesh, names[chosen], head.vertices * scale, head.deltas, scale)
+    _say_reach(scene.path, head, scale)
     _say_other_faces(scene.path, mesh, parts, names, chosen, _PLACE / scale)
     if not head.deltas.any():
         warnings.warn(
@@ -177,9 +182,10 @@ def _say_other_faces(path, mesh, parts, names, chosen, near):
             continue
         facial = _facial(names[k], part)
         shared = np.isfinite(tree.query(part.vertices, distance_upper_bound=near)[0])
-        if facial[1] and 2 < shared.sum() < 0.5 * len(shared):
+        as_large = _as_large(part, head)
+        if facial[1] and not as_large and 2 < shared.sum() < 0.5 * len(shared):
             touch.append(part.name)
-        elif facial[0] == whole[0] and facial[2] > 0.8 * whole[2]:
+        elif as_large or (facial[0] == whole[0] and facial[2] > 0.8 * whole[2]):
             like.append(part.name)
     if touch:
         warnings.warn(
@@ -192,6 +198,24 @@ def _say_other_faces(path, mesh, parts, names, chosen, near):
         warnings.warn(
             f"{path}: {head.name!r} is read as the face; {quoted(like)} have the same shapes and "
             f"are as large. Choose one with mesh={like[0]!r}.",
+            stacklevel=4,
+        )
+
+
+def _as_large(part, other):
+    """Whether two parts fill the same box, as two levels of detail do."""
+    boxes = [np.stack([p.vertices.min(axis=0), p.vertices.max(axis=0)]) for p in (part, other)]
+    return np.abs(boxes[0] - boxes[1]).max() < 0.05 * longest_side(other.vertices)
+
+
+def _say_reach(path, head, scale):
+    """Say shapes that move further than the head is long, or hardly at all."""
+    most = float(max(np.linalg.norm(d, axis=1).max() for d in head.deltas)) * scale
+    if most and not _MOVES < most < longest_side(head.vertices) * scale:
+        warnings.warn(
+            f"{path}: the shapes of {head.name!r} move it by at most {most:.3g} mm, and it is "
+            f"{longest_side(head.vertices) * scale:.0f} mm long: they seem to be in another unit "
+            "than the mesh. Apply the scale of the object before the export (Blender: Ctrl+A).",
             stacklevel=4,
         )
 

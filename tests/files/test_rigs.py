@@ -318,6 +318,24 @@ def test_a_second_face_is_said_unless_one_was_chosen(tmp_path, rig):
     assert silently(read_rig, path, mesh="Twin").source.mesh == "Twin"
 
 
+def test_of_several_levels_of_detail_the_finest_is_read(tmp_path, rig):
+    coarse = sphere_mesh(1, radius=100.0)
+    near = np.maximum(0, coarse.vertices[:, 2] / 100)
+    far = near[None, :, None] * rig.deltas[:, rig.neutral.vertices[:, 2].argmax()][:, None]
+    path = tmp_path / "head.glb"
+    write_glb(path, coarse, far, rig.names)
+    add_mesh(path, rig.neutral, rig.deltas, rig.names, "LOD0")
+    with pytest.warns(UserWarning, match="'LOD0' is read as the face; 'face' have the same shapes"):
+        assert read_rig(path).neutral.n_vertices == rig.neutral.n_vertices
+
+
+@pytest.mark.parametrize("factor", [1000, 0.001])
+def test_shapes_in_another_unit_than_the_mesh_are_said(tmp_path, rig, factor):
+    write_glb(tmp_path / "head.glb", rig.neutral, factor * rig.deltas, rig.names)
+    with pytest.warns(UserWarning, match=r"move it by at most .* seem to be in another unit"):
+        read_rig(tmp_path / "head.glb")
+
+
 def test_a_part_that_lies_in_one_point_is_passed_over_and_said(tmp_path, rig):
     def change(told):
         place = {**told["accessors"][0], "min": [0] * 3, "max": [0] * 3}
