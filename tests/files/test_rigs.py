@@ -319,7 +319,7 @@ def test_a_second_face_is_said_unless_one_was_chosen(tmp_path, rig):
 
 
 def test_of_several_levels_of_detail_the_finest_is_read(tmp_path, rig):
-    coarse = sphere_mesh(1, radius=100.0)
+    coarse = sphere_mesh(1, radius=101.0)
     near = np.maximum(0, coarse.vertices[:, 2] / 100)
     far = near[None, :, None] * rig.deltas[:, rig.neutral.vertices[:, 2].argmax()][:, None]
     path = tmp_path / "head.glb"
