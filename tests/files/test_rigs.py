@@ -320,8 +320,8 @@ def test_a_second_face_is_said_unless_one_was_chosen(tmp_path, rig):
 
 def test_of_several_levels_of_detail_the_finest_is_read(tmp_path, rig):
     coarse = sphere_mesh(1, radius=101.0)
-    near = np.maximum(0, coarse.vertices[:, 2] / 100)
-    far = near[None, :, None] * rig.deltas[:, rig.neutral.vertices[:, 2].argmax()][:, None]
+    top = rig.neutral.vertices[:, 2].argmax()
+    far = rig.deltas[:, [top]] * np.ones((coarse.n_vertices, 1))
     path = tmp_path / "head.glb"
     write_glb(path, coarse, far, rig.names)
     add_mesh(path, rig.neutral, rig.deltas, rig.names, "LOD0")
