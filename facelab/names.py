@@ -40,7 +40,8 @@ _FACS_NAMES = {  # by normalised name: as FACS names its units, and as rigs buil
     **{"nostrildilator": 38, "nostrilcompressor": 39, "eyesclosed": 45, "eyeclosed": 45},
     **{"eyeclosure": 45, "blink": 45},
 }
-_SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
+_SIDES = dict.fromkeys(("l", "lf", "lt", "left"), "left")
+_SIDES |= dict.fromkeys(("r", "rt", "right"), "right")
 _SPACE = re.compile(r"[.:|/\\]+")  # what ends a namespace: head_GEO.jawOpen, Body:jawOpen
 _COPY = re.compile(r"(?<=[^\W\d])\.\d{3}$")  # jawOpen.001: a copy, as Blender numbers them
 _WORD = re.compile(r"[^\W\d_]+|\d+")
@@ -161,7 +162,7 @@ def match_names(shapes, names, sided=False, what="shape"):
 
     The same name is taken first, then one that differs in case, separators, spelling of the side
     or namespace (see `normalised`), then one that differs by a prefix that half of its list has
-    (`head_jawOpen`, `07_jawOpen`), and at last a name without side for a shape that has one
+    (`head_jawOpen`, `A07_jawOpen`), and at last a name without side for a shape that has one
     (`browInnerUp` for `browInnerUp_L` and `browInnerUp_R`; a bare `jaw` or `mouth` says no
     direction).
 
@@ -268,10 +269,7 @@ def _stem(key):
 
 def _without_prefix(names):
     """Keys without the leading words, or numbers, that half of the names share, two at least."""
-    words = [_own_words(n) for n in names]
-    numbered = [w[0].isdigit() and w[1] not in _SIDES for w in words if len(w) > 1]
-    if sum(numbered) > len(words) / 2:  # 01_jawOpen, 02_jawLeft
-        words = [w[1:] if len(w) > 1 and w[0].isdigit() else w for w in words]
+    words = _without_numbers([_own_words(n) for n in names])
     prefix = []
     while True:
         ahead = Counter(
@@ -282,7 +280,25 @@ def _without_prefix(names):
             break
         prefix.append(word)
     n = len(prefix)
-    return [_key(w[n:] if n and w[:n] == prefix else w) for w in words]
+    if n:  # and the numbers behind it: ARKit_01_jawOpen
+        words = _without_numbers([w[n:] if w[:n] == prefix else w for w in words])
+    return [_key(w) for w in words]
+
+
+def _without_numbers(words):
+    """Words of names without the numbers in front, where most have one: 01_jawOpen, A25_jawOpen."""
+    bare = [_behind_number(w) for w in words]
+    found = sum(b is not w for b, w in zip(bare, words, strict=True))
+    return bare if 2 * found > len(words) else words
+
+
+def _behind_number(words):
+    """Words of a name behind a number, or a letter and a number; all where a side would be left."""
+    n = 0
+    if len(words) > 1:
+        lettered = len(words[0]) == 1 and words[0] not in _SIDES and words[1].isdigit()
+        n = 1 if words[0].isdigit() else 2 if lettered else 0
+    return words[n:] if n and words[n:] and words[n] not in _SIDES else words
 
 
 # --- what a name means ----------------------------------------------------------------------------

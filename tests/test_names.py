@@ -46,7 +46,9 @@ def test_other_names_are_none_of_arkits(name):
 
 
 @pytest.mark.parametrize(
-    "spell", ["{name}.001", "{k:02d}_{name}", "shape.{k}_{name}"], ids=["copy", "number", "both"]
+    "spell",
+    ["{name}.001", "{k:02d}_{name}", "shape.{k}_{name}", "A{k:02d}_{name}", "ARKit_{k:02d}_{name}"],
+    ids=["copy", "number", "both", "letter", "prefix"],
 )
 def test_numbers_of_copies_and_in_front_are_seen_through(spell):
     shapes = [spell.format(k=k, name=name) for k, name in enumerate(ARKIT)]
@@ -134,6 +136,7 @@ SPELLINGS = {
     "longer prefix": lambda n: f"CC_Base_{n}",
     "_L": lambda n: n.replace("Left", "_L").replace("Right", "_R"),
     ".l": lambda n: n.replace("Left", ".l").replace("Right", ".r"),
+    "_lf": lambda n: n.replace("Left", "_lf").replace("Right", "_rt"),
     "l_": lambda n: (n[-5:] == "Right") * "r_" + (n[-4:] == "Left") * "l_" + _plain(n),
     "mixed": lambda n: f"Head_GEO.{n.upper()}" if n.startswith("jaw") else n,
 }

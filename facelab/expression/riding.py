@@ -11,7 +11,14 @@ from facelab.geometry.closest import closest_points
 from facelab.geometry.jaw import Jaw
 from facelab.geometry.mesh import MULTI_PIE, TriangleMesh
 from facelab.geometry.size import longest_side
-from facelab.geometry.welding import alike, numbered, rejoined, same_place, shrunk
+from facelab.geometry.welding import (
+    alike,
+    near_borders,
+    numbered,
+    rejoined,
+    same_place,
+    shrunk,
+)
 from facelab.geometry.winding import agreement, turned_over
 from facelab.names import as_landmarks
 from facelab.numeric.sparse import SparseFactor
@@ -20,6 +27,7 @@ FADE = 60.0
 """Millimetres along the surface over which motion fades out beyond what the template covers."""
 
 _PLACE = 1e-3  # mm: vertices so near to each other are two sides of a seam
+_NEAR = 0.1  # mm: so near to each other two pieces of one surface end along the same edges
 _CORNER = 10.0  # mm: a fold so short is a corner of the mouth
 _FACE = 100.0  # mm: a piece with landmarks and so long is a face by itself
 _WORN = 0.8  # share of a piece near the skin that is worn on it: lashes, brows
@@ -52,7 +60,8 @@ def closed(mesh):
     """The mesh with its seams closed, and its vertex for each vertex of this one.
 
     Vertices in one place are joined unless they face away from each other, as the two sides of a
-    sheet do. Landmarks are spelled as in `MULTI_PIE`.
+    sheet do; pieces also where they end along the same edges, but for `_NEAR`. Landmarks are
+    spelled as in `MULTI_PIE`.
 
     Returns
     -------
@@ -61,14 +70,15 @@ def closed(mesh):
     """
     V, marks = mesh.vertices, as_landmarks(MULTI_PIE, mesh.landmarks)
     place = same_place(V, min(_PLACE, 5e-6 * longest_side(V)))
-    if place.max() + 1 == len(V):
+    reach = min(_NEAR, 5e-4 * longest_side(V))
+    near = near_borders(V, mesh.faces, reach) if len(V) < 3 * len(mesh.faces) else place
+    if min(place.max(), near.max()) + 1 == len(V):
         known = list(marks) == list(mesh.landmarks)
         return mesh if known else TriangleMesh(V, mesh.faces, marks), np.arange(len(V))
-    # unit normals a right angle apart differ by at most 1 in each coordinate, opposed by more
+    # unit normals 60 degrees apart differ by at most 1 in each coordinate, opposed by more
     turned = turned_over(mesh, agreement(mesh)[0])
     index = alike(place, [turned.normals], 1.0)
-    if len(V) == 3 * len(mesh.faces):  # loose triangles, as STL files have them
-        index = _along_edges(turned, place, index)
+    index = _along_edges(turned, near, index)
     index = _without_strips(mesh, index)
     kept = np.unique(index, return_index=True)[1]
     marks = {name: int(index[v]) for name, v in marks.items()}
@@ -97,7 +107,7 @@ def _without_strips(mesh, index):
 
 
 def _along_edges(mesh, place, index):
-    """Groups of vertices joined also where just two triangles share an edge.
+    """Groups of vertices joined also where just two triangles, of two pieces, share an edge.
 
     Not along a line where they fold back on each other: there lips or lids touch. A fold as short
     as at a corner of the mouth is none.
@@ -111,7 +121,7 @@ def _along_edges(mesh, place, index):
     pairs = np.argsort(edge, kind="stable")
     pairs = pairs[(count == 2)[edge[pairs]]].reshape(-1, 2)
     pairs = pairs[place[a[pairs[:, 0]]] == place[b[pairs[:, 1]]]]
-    one, two = pairs.T
+    one, two = pairs[mesh.pieces[a[pairs[:, 0]]] != mesh.pieces[a[pairs[:, 1]]]].T
     X = mesh.vertices[F]
     N = np.cross(X[:, 1] - X[:, 0], X[:, 2] - X[:, 0])
     N /= np.maximum(np.linalg.norm(N, axis=1, keepdims=True), 1e-12)

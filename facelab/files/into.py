@@ -17,7 +17,7 @@ _VERTEX = re.compile(
     rb"((?:\xef\xbb\xbf)?[ \t]*v[ \t]+)(\S+)([ \t]+)(\S+)([ \t]+)(\S+)(.*)", re.DOTALL
 )
 _GLTF = (".glb", ".gltf", ".vrm")
-_MOVED = 0.01  # mm: seams are closed within less; vertices further off are others
+_MOVED = 0.1  # mm: seams are closed within less; vertices further off are others
 
 
 def write_into(path, rig, shapes=None, take=None):

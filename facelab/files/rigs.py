@@ -18,7 +18,7 @@ from facelab.files.words import distinct, listed, quoted
 from facelab.geometry.alignment import procrustes
 from facelab.geometry.mesh import TriangleMesh
 from facelab.geometry.size import check_face_size, face_scale, longest_side, mesh_scale
-from facelab.geometry.welding import alike, same_place, shrunk
+from facelab.geometry.welding import alike, near_borders, numbered, same_place, shrunk
 from facelab.rig import BlendshapeRig, RigSource
 from facelab.storage import load_npz, save_npz
 
@@ -33,11 +33,13 @@ _FACIAL = re.compile(
 _NEUTRAL = ("neutral", "rest", "basis", "base", "default")  # the plainest word first
 _PLACE = 0.001  # mm: vertices so near to each other are in one place
 _SAME = 0.01  # mm: and are two sides of a seam, if no shape moves them more apart than this
+_NEAR = 0.05  # mm: two sides of a seam in coarse coordinates, of which each primitive has its own
 _FAR = 0.5  # of the spread of a face: no expression moves all of it so far on average
 _SHIFT = 0.01  # of it: a shape that moves the whole head further is said
 _STAYS = 0.002  # of it: what moves less stays in its place
 _EQUAL = 1e-6  # of the longest side: the digits of a text file
 _POINT = 0.1  # mm: what is smaller is a place in a scene, not a part of a head
+_MOVES = 0.1  # mm: what moves less is no expression
 _BODY = 7.0  # a mesh so many times as large as what its shapes move is a body with a face
 
 
@@ -130,9 +132,13 @@ def _from_gltf(path, mesh, scale):
     names = [_distinct(scene.path, part) for part in parts]
     if chosen is None:
         chosen = max(range(len(parts)), key=lambda k: _facial(names[k], parts[k]))
+        same = [k for k in range(len(parts)) if _as_large(parts[k], parts[chosen])]
+        same = [k for k in same if set(names[k]) == set(names[chosen])]
+        chosen = max(same, key=lambda k: len(parts[k].vertices))  # of several levels of detail
     head = parts[chosen]
     scale = _unit(scene.path, head.vertices, head.deltas, unit_of(".glb"), scale)
     _say_displaced(path, mesh, names[chosen], head.vertices * scale, head.deltas, scale)
+    _say_reach(scene.path, head, scale)
     _say_other_faces(scene.path, mesh, parts, names, chosen, _PLACE / scale)
     if not head.deltas.any():
         warnings.warn(
@@ -176,9 +182,10 @@ def _say_other_faces(path, mesh, parts, names, chosen, near):
             continue
         facial = _facial(names[k], part)
         shared = np.isfinite(tree.query(part.vertices, distance_upper_bound=near)[0])
-        if facial[1] and 2 < shared.sum() < 0.5 * len(shared):
+        as_large = _as_large(part, head)
+        if facial[1] and not as_large and 2 < shared.sum() < 0.5 * len(shared):
             touch.append(part.name)
-        elif facial[0] == whole[0] and facial[2] > 0.8 * whole[2]:
+        elif as_large or (facial[0] == whole[0] and facial[2] > 0.8 * whole[2]):
             like.append(part.name)
     if touch:
         warnings.warn(
@@ -191,6 +198,24 @@ def _say_other_faces(path, mesh, parts, names, chosen, near):
         warnings.warn(
             f"{path}: {head.name!r} is read as the face; {quoted(like)} have the same shapes and "
             f"are as large. Choose one with mesh={like[0]!r}.",
+            stacklevel=4,
+        )
+
+
+def _as_large(part, other):
+    """Whether two parts fill the same box, as two levels of detail do."""
+    boxes = [np.stack([p.vertices.min(axis=0), p.vertices.max(axis=0)]) for p in (part, other)]
+    return np.abs(boxes[0] - boxes[1]).max() < 0.05 * longest_side(other.vertices)
+
+
+def _say_reach(path, head, scale):
+    """Say shapes that move further than the head is long, or hardly at all."""
+    most = float(max(np.linalg.norm(d, axis=1).max() for d in head.deltas)) * scale
+    if most and not _MOVES < most < longest_side(head.vertices) * scale:
+        warnings.warn(
+            f"{path}: the shapes of {head.name!r} move it by at most {most:.3g} mm, and it is "
+            f"{longest_side(head.vertices) * scale:.0f} mm long: they seem to be in another unit "
+            "than the mesh. Apply the scale of the object before the export (Blender: Ctrl+A).",
             stacklevel=4,
         )
 
@@ -498,8 +523,9 @@ def _welded(path, part, scale):
         )
     place = same_place(V, _PLACE)
     index = alike(place, deltas, _SAME)
+    index = _along_borders(V, part.faces, deltas, index)
     kept = np.unique(index, return_index=True)[1]
-    apart = len(kept) - int(place.max()) - 1
+    apart = len(np.unique([place, index], axis=1).T) - int(place.max()) - 1
     try:
         gone = shrunk(part.faces, index)
         texture = None if part.texture is None else part.texture.on(~gone)
@@ -507,3 +533,19 @@ def _welded(path, part, scale):
     except ValueError as error:  # ours, from the one place that checks a mesh
         raise ValueError(f"{path}: {error}") from None
     return mesh, deltas[:, kept], index, apart
+
+
+def _along_borders(V, faces, deltas, index):
+    """Groups of vertices joined also where borders meet nearly and move alike.
+
+    Where a triangle would be lost, as of a narrow strip, nothing is joined.
+    """
+    kept = np.unique(index, return_index=True)[1]
+    F = index[faces[~shrunk(faces, index)]]
+    near = near_borders(V[kept], F, _NEAR)
+    if near.max() + 1 == len(kept):
+        return index
+    joined = alike(near, deltas[:, kept], _NEAR)
+    torn = np.unique(F[shrunk(F, joined)])
+    joined[torn] = len(kept) + torn
+    return numbered(joined)[index]

@@ -2,6 +2,7 @@
 
 import codecs
 import re
+import warnings
 
 import numpy as np
 
@@ -43,7 +44,14 @@ def read_stl_file(path):
     with open(path, "rb") as source:
         head = source.read(84)
     promised = int.from_bytes(head[80:84], "little")
-    if size == 84 + 50 * promised:
+    unsaid = promised in (0, 0xFFFFFFFF) and size > 84 and (size - 84) % 50 == 0
+    if unsaid:
+        warnings.warn(
+            f"{path}: its header counts {promised} triangles, as programs write it that count "
+            f"last; its size is that of {(size - 84) // 50}, which are read.",
+            stacklevel=4,
+        )
+    if size == 84 + 50 * promised or unsaid:
         facets = np.fromfile(path, _FACET, offset=84)
         corners, parts = facets["corners"].reshape(-1, 3).astype(float), {}
     elif head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):

@@ -47,6 +47,32 @@ def same_place(vertices, tolerance=0.0):
     return numbered(index)
 
 
+def near_borders(vertices, faces, tolerance):
+    """As `same_place`, for borders alone: all vertices within a surface are places of their own.
+
+    Parameters
+    ----------
+    vertices : ndarray of shape (n_vertices, 3)
+    faces : ndarray of int, shape (n_faces, 3)
+    tolerance : float
+        Where it spans whole neighbourhoods, as in a tuft of hair, borders are told apart exactly.
+
+    Returns
+    -------
+    index : ndarray of int, shape (n_vertices,)
+    """
+    ends = np.sort(np.stack([faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()]), axis=0)
+    edges, count = np.unique(ends.T, axis=0, return_counts=True)
+    border, index = np.unique(edges[count == 1]), np.arange(len(vertices))
+    if len(border):
+        try:
+            near = same_place(vertices[border], tolerance)
+        except ValueError:
+            near = same_place(vertices[border])
+        index[border] = len(vertices) + near
+    return numbered(index)
+
+
 def numbered(index):
     """The same groups, numbered from 0 in the order in which they first stand."""
     _, first, inverse = np.unique(index, return_index=True, return_inverse=True)

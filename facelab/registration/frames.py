@@ -81,7 +81,7 @@ class FrameJudge:
         picked = np.unique(np.linspace(0, n_frames - 1, min(n_frames, _SAMPLE)).astype(int))
         given = positions(picked)
         some, _, _ = self._near(given)
-        self._choose_pairs(np.ones(len(rest)))
+        self._choose_pairs(np.ones(len(rest)), 12)
         good = ~self._resized(some) & (np.isfinite(some[..., 0]).sum(axis=1) >= 3)
         motion = rigid_motion(some[good], rest, robust=True)
         off = np.linalg.norm(motion.to_head(some[good]) - rest, axis=2)
@@ -94,7 +94,7 @@ class FrameJudge:
         # strays must not make a marker look loose
         beyond = off > self._most(off, _TRUE)
         self.weights = rigid_weights(np.where(beyond[..., None], np.nan, some), rest)
-        self._choose_pairs(self.weights)
+        self._choose_pairs(self.weights, min(12, max(4, len(rest) // 2)))
         motion = rigid_motion(some, rest, self.weights, robust=True)
         self.usual = self._most(np.linalg.norm(motion.to_head(some) - rest, axis=2), 0.95)
 
@@ -105,9 +105,9 @@ class FrameJudge:
         most[known] = nan_quantile(off[:, known], share)
         return most
 
-    def _choose_pairs(self, weights, most=150):
+    def _choose_pairs(self, weights, least, most=150):
         """Pairs of the most rigid markers, far enough apart to tell the size of a frame."""
-        top = np.sort(np.argsort(-weights, kind="stable")[: max(12, len(weights) // 3)])
+        top = np.sort(np.argsort(-weights, kind="stable")[: max(least, len(weights) // 3)])
         a, b = (top[i] for i in np.triu_indices(len(top), 1))
         apart = np.linalg.norm(self.rest[a] - self.rest[b], axis=1)
         wide = np.flatnonzero(apart > 0.3 * self.radius)

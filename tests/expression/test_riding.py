@@ -115,6 +115,29 @@ def test_a_seam_stays_closed_and_the_face_moves_as_without_it(source, head):
         np.testing.assert_allclose(d[: mesh.n_vertices], moved(whole, {unit: 1}), atol=1e-9)
 
 
+@pytest.mark.parametrize("off", [0.0, 0.02])
+def test_skull_and_face_in_two_pieces_stay_together(source, bare, head, off, rng):
+    """They meet at an edge, where their normals differ, in coordinates of few digits."""
+    mesh, ring = head
+    back = (mesh.faces >= bare.n_vertices).any(axis=1)
+    seam = np.intersect1d(mesh.faces[back], mesh.faces[~back])
+    new = np.arange(mesh.n_vertices)
+    new[seam] = mesh.n_vertices + np.arange(len(seam))
+    F = np.where(back[:, None], new[mesh.faces], mesh.faces)
+    apart = mesh.vertices[seam] + off * rng.uniform(-1, 1, (len(seam), 3))
+    space = IntermediateSpace(
+        source, TriangleMesh(np.vstack([mesh.vertices, apart]), F, mesh.landmarks)
+    )
+    d = moved(space, {"AU27": 1})
+    np.testing.assert_allclose(d[seam], d[mesh.n_vertices :], atol=1e-9)
+    np.testing.assert_allclose(d[ring], 0, atol=1e-9)
+
+
+def test_a_face_in_metres_is_closed_as_one_in_millimetres(bare):
+    small, _ = closed(bare.with_vertices(bare.vertices / 1000))
+    assert small.n_vertices == bare.n_vertices
+
+
 def soup_of(mesh):
     """The same surface in loose triangles, as an STL file has it."""
     first = {n: int(np.argmax(mesh.faces.ravel() == v)) for n, v in mesh.landmarks.items()}

@@ -76,6 +76,13 @@ def test_angles_of_live_link_are_angles_in_any_table(read):
     assert take.angles["HeadYaw"].tolist() == columns("", "head_yaw")["head_yaw"]
 
 
+def test_angles_behind_a_prefix_are_none_of_the_weights(read):
+    names = [f"face_{n}" for n in ("jawOpen", "mouthClose", "eyeBlinkLeft", "HeadYaw")]
+    take = read(text(columns(*names)), fps=30)
+    assert take.names == tuple(names[:3])
+    assert list(take.angles) == ["HeadYaw"]
+
+
 def test_a_column_that_is_chosen_is_a_weight_whatever_its_name(read):
     with pytest.raises(ValueError, match=r"no column of weights; .* head_rx, quality. If .*names="):
         read(text(columns("head_rx", "quality")), fps=30)

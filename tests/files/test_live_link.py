@@ -63,6 +63,10 @@ SPELLINGS = {
     "lower case": live_link(CODES).lower(),
     "sides as _L": live_link(CODES, columns=[n.replace("Left", "_L") for n in PASCAL] + [*ANGLES]),
     "a namespace": live_link(CODES, columns=[f"blendShapes.{n}" for n in FULL]),
+    "a prefix": live_link(CODES, columns=[f"ARKit_{n}" for n in FULL]),
+    "rows numbered by pandas": "".join(
+        f"{k - 1 if k else ''},{line}\n" for k, line in enumerate(live_link(CODES).splitlines())
+    ),
     "comma at the end": live_link(CODES).replace("\n", ",\n"),
     "commas at the end": live_link(CODES).replace("\n", ",,,\n"),
     "semicolons": live_link(CODES, sep=";"),

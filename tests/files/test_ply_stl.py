@@ -332,6 +332,15 @@ def test_a_binary_stl_of_another_size_than_it_promises_is_refused(tmp_path, ball
         read_mesh(path)
 
 
+@pytest.mark.parametrize("count", [0, 0xFFFFFFFF])
+def test_a_count_that_was_never_written_is_taken_from_the_size(tmp_path, ball, count):
+    data = bytearray(export(ball, tmp_path / "a.stl").read_bytes())
+    struct.pack_into("<I", data, 80, count)
+    (tmp_path / "a.stl").write_bytes(data)
+    with pytest.warns(UserWarning, match=f"counts {count} triangles, .* that of {len(ball.faces)}"):
+        assert len(read_mesh(tmp_path / "a.stl").faces) == len(ball.faces)
+
+
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
 def test_mutants_of_an_stl_are_refused_in_our_words_or_read_as_they_stand(tmp_path, rng, kind):
     def contradicts(held, data, said):

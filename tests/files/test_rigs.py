@@ -10,7 +10,7 @@ from mutants import COUNT, tally
 from scipy.spatial.transform import Rotation
 from shapes import sphere_mesh
 
-from facelab.files import read_mesh, read_rig, write_glb, write_obj, write_rig
+from facelab.files import read_mesh, read_rig, write_glb, write_into, write_obj, write_rig
 from facelab.geometry.mesh import TriangleMesh
 from facelab.rig import BlendshapeRig
 
@@ -106,6 +106,34 @@ def test_lips_that_touch_stay_apart_and_seams_close(tmp_path):
     assert rig.neutral.n_vertices == 11
     assert rig.source.index[3] == rig.source.index[6]
     assert rig.source.apart == 2
+
+
+def test_a_seam_in_coarse_coordinates_closes_and_a_narrow_strip_stays(tmp_path, rig, rng):
+    """As of two materials that Draco compressed, each on a grid of its own."""
+    V, F, n = rig.neutral.vertices, rig.neutral.faces, rig.neutral.n_vertices
+    left = V[F].mean(axis=1)[:, 0] > 0
+    seam = np.intersect1d(F[left], F[~left])
+    new = np.arange(n)
+    new[seam] = n + np.arange(len(seam))
+    F = np.vstack([np.where(left[:, None], new[F], F), n + len(seam) + np.array([[0, 1, 2]])])
+    strip = V[4] + [[0, 0, 50], [0, 9, 50], [0.03, 9, 50]]
+    cut = np.vstack([V, V[seam] + rng.uniform(-0.02, 0.02, (len(seam), 3)), strip])
+    deltas = np.hstack([rig.deltas, rig.deltas[:, seam], np.zeros((3, 3, 3))])
+    write_glb(tmp_path / "cut.glb", TriangleMesh(cut, F), deltas, rig.names)
+    again = read_rig(tmp_path / "cut.glb")
+    assert again.neutral.n_vertices == n + 3 and len(again.neutral.faces) == len(F)
+    np.testing.assert_array_equal(again.source.index[seam], again.source.index[n : n + len(seam)])
+    write_into(tmp_path / "more.glb", again, {"more": again.deltas[0]})
+
+
+def test_a_tuft_of_hair_within_less_than_a_seam_is_read_as_it_is(tmp_path, rig, rng):
+    """Cards whose roots all lie in nearly one place."""
+    V, n = rig.neutral.vertices, rig.neutral.n_vertices
+    cards = V[4] + rng.uniform(-0.025, 0.025, (60, 3)) + [[0, 0, 50]]
+    F = np.vstack([rig.neutral.faces, n + np.arange(60).reshape(-1, 3)])
+    mesh = TriangleMesh(np.vstack([V, cards]), F)
+    write_glb(tmp_path / "tuft.glb", mesh, np.pad(rig.deltas, ((0, 0), (0, 60), (0, 0))), rig.names)
+    assert read_rig(tmp_path / "tuft.glb").neutral.n_vertices == n + 60
 
 
 def test_shapes_without_names_are_numbered_and_said(tmp_path, rig):
@@ -288,6 +316,24 @@ def test_a_second_face_is_said_unless_one_was_chosen(tmp_path, rig):
     with pytest.warns(UserWarning, match="'Twin' have the same shapes and are as large. Choose"):
         read_rig(path)
     assert silently(read_rig, path, mesh="Twin").source.mesh == "Twin"
+
+
+def test_of_several_levels_of_detail_the_finest_is_read(tmp_path, rig):
+    coarse = sphere_mesh(1, radius=101.0)
+    top = rig.neutral.vertices[:, 2].argmax()
+    far = rig.deltas[:, [top]] * np.ones((coarse.n_vertices, 1))
+    path = tmp_path / "head.glb"
+    write_glb(path, coarse, far, rig.names)
+    add_mesh(path, rig.neutral, rig.deltas, rig.names, "LOD0")
+    with pytest.warns(UserWarning, match="'LOD0' is read as the face; 'face' have the same shapes"):
+        assert read_rig(path).neutral.n_vertices == rig.neutral.n_vertices
+
+
+@pytest.mark.parametrize("factor", [1000, 0.001])
+def test_shapes_in_another_unit_than_the_mesh_are_said(tmp_path, rig, factor):
+    write_glb(tmp_path / "head.glb", rig.neutral, factor * rig.deltas, rig.names)
+    with pytest.warns(UserWarning, match=r"move it by at most .* seem to be in another unit"):
+        read_rig(tmp_path / "head.glb")
 
 
 def test_a_part_that_lies_in_one_point_is_passed_over_and_said(tmp_path, rig):

@@ -218,3 +218,16 @@ def test_names_are_texts(face, take):
 def test_a_motion_has_a_mesh(face):
     with pytest.raises(TypeError, match="mesh is a ndarray, but must be of type TriangleMesh"):
         facelab.MotionSequence(face.vertices[None], FPS, face.vertices)
+
+
+def test_a_mouth_wide_open_loses_no_frame_where_nine_markers_are_glued(face):
+    """Five of them go with the mouth, so that most distances between markers change."""
+    names = "chin lip_lower lip_upper mouth_corner_left mouth_corner_right nose_tip nose_bridge_1 "
+    names = [*names.split(), "eye_left_outer", "eye_right_outer"]
+    rest = face.vertices[[face.landmarks[n] for n in names]]
+    share = np.array([1, 0.9, 0.1, 0.5, 0.5, 0, 0, 0, 0])
+    opens = np.sin(np.linspace(0, 12, 300)).clip(0) ** 4
+    positions = rest + opens[:, None, None] * share[:, None] * np.array([0, -35.0, -12.0])
+    take = MarkerSequence(positions, names, 60)
+    found = register_sequence(fit_markers(face, rest, names, offset=0), take, progress=False)
+    assert found.valid.all() and found.seen.all()

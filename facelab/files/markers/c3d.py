@@ -8,6 +8,7 @@ the library that we know (ezc3d) crashes or makes things up where a file is dama
 import itertools
 import math
 import os
+import re
 import struct
 from dataclasses import dataclass, replace
 
@@ -25,6 +26,7 @@ from facelab.files.words import listed
 _BLOCK = 512
 _KINDS = {84: "Intel", 85: "DEC", 86: "MIPS"}
 _MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
+_OUTPUT = re.compile(r"[A-Z]\w*[a-z](Angle(?=s)|Force|Moment|Power)s?|[LR]NormalisedGRF")
 _MOST_16 = 0xFFFF
 _READ_BYTES = 2**23  # of the data at a time
 
@@ -399,6 +401,10 @@ def _labels(path, values, n_points, report):
             if label and (label in named or tail in (named if colon else bare)):
                 labels[i] = None
                 counted[kind] = counted.get(kind, 0) + 1
+    for i, label in enumerate(labels):  # of files that were saved again without these lists
+        if found := label and _OUTPUT.fullmatch(label.rpartition(":")[2]):
+            labels[i], kind = None, f"{found[1] or 'force'}s"
+            counted[kind.upper()] = counted.get(kind.upper(), 0) + 1
     if counted:
         kinds = ", ".join(f"{count} {kind.lower()}" for kind, count in counted.items())
         report.append(f"{sum(counted.values())} output(s) of a model left out: {kinds}")

@@ -128,6 +128,10 @@ def resolve_names(path, labels, subject, report):
     if not columns:
         raise ValueError(f"{path}: no markers in it.")
     split = [labels[i].strip().rpartition(":") for i in columns]
+    loose = ["".join(s) for s in split if "".join(s).lower().startswith("unlabel")]
+    split = [("", "", "".join(s)) if "".join(s) in loose else s for s in split]
+    if loose:
+        report.append(f"{len(loose)} marker(s) that Motive has not labelled ({listed(loose)})")
     subjects = Counter(before.strip() for before, colon, _ in split if colon)
     if subject is not None:
         if subject not in subjects:
@@ -187,13 +191,16 @@ def marker_sequence(path, positions, names, fps, report, judge=True):
     judge : bool, default=True
         Warn of a size that is no face's, and say it in the report.
     """
-    zeros = part = 0
+    zeros, part, beyond = 0, 0, Counter()
     odd = np.zeros(positions.shape[:2], dtype=bool)  # one value in x, y and z, or whole numbers
     rows = max(1, _CHUNK // max(1, 3 * len(names)))
     for first in range(0, len(positions), rows):
         some = positions[first : first + rows]
-        missing = np.isnan(some)
         far = np.abs(some) > _FARTHEST
+        one = far[..., 0] & (some == some[..., :1]).all(axis=2) & np.isfinite(some[..., 0])
+        beyond.update(some[one][:, 0].tolist())
+        if one.any() and len(beyond) <= _FILLS:
+            far[one], some[one] = False, np.nan
         if far.any():
             frame, marker, axis = (int(i) for i in np.argwhere(far)[0])
             raise ValueError(
@@ -201,6 +208,7 @@ def marker_sequence(path, positions, names, fps, report, judge=True):
                 f"(counted from 0) lies at {'xyz'[axis]} = {some[frame, marker, axis]:.4g} mm, "
                 "more than a kilometre away."
             )
+        missing = np.isnan(some)
         origin = (some == 0).all(axis=2)
         halves = missing.any(axis=2) & ~missing.all(axis=2)
         some[origin | halves] = np.nan
@@ -210,7 +218,7 @@ def marker_sequence(path, positions, names, fps, report, judge=True):
         part += int(halves.sum())
     if zeros:
         report.append(f"{zeros} position(s) at exactly 0, 0, 0 taken for hidden")
-    filled = _unfilled(positions, odd)
+    filled = {(v,) * 3: count for v, count in beyond.items()} | _unfilled(positions, odd)
     one = {place: count for place, count in filled.items() if len({*place}) == 1}
     for of_kind, what in (
         (one, "one value in x, y and z"),

@@ -148,9 +148,6 @@ def _motive(path, lines, first, unit):
         )
     report = []
     left_out(report, others, "column(s) that are no markers")
-    loose = dict.fromkeys(n for n, _, _ in columns if n.lower().startswith("unlabel"))
-    if loose:
-        report.append(f"{len(loose)} marker(s) that Motive has not labelled ({listed(loose)})")
     rate = about.get("Export Frame Rate") or about.get("Capture Frame Rate", "")
     timed = width > 1 and row[1].lower().startswith("time")
     said = about.get("Length Units", "")

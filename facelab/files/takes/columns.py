@@ -1,6 +1,7 @@
 """What the columns of a table are, found by their names alone."""
 
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 
 from facelab.files.text import tells_time, time_columns
@@ -68,12 +69,12 @@ def live_link_columns(header, place, timed=True):
     ValueError
         For columns without a name or with the same, no time code, or no weight of ARKit.
     """
-    _refuse_nameless(header, place)
-    keys = [normalised(name) for name in header]
+    _refuse_nameless(header, place, but=0)
+    keys, bare = [normalised(name) for name in header], _without_prefix(header)
     columns = Columns(time=_first("timecode", keys), count=_first(_COUNT, keys))
     for k, name in enumerate(header):
-        if k not in (columns.time, columns.count):
-            known = canonical(name)
+        if name and k not in (columns.time, columns.count):  # nameless: rows numbered by a library
+            known = canonical(bare[k])
             (columns.numbers if known else columns.others)[k] = known or name
     if (columns.time is None and timed) or not {*columns.numbers.values()} & {*ARKIT}:
         what = "Timecode" if columns.numbers else "a weight of ARKit (JawOpen, EyeBlinkLeft, ...)"
@@ -115,6 +116,7 @@ def weight_columns(header, place, names=None):
         For columns without a name or with the same, or names that are not there.
     """
     header, columns = list(header), _timed(header)
+    bare = _without_prefix(header)
     _refuse_nameless(header, place, but=columns.frame)
     told = (columns.time, columns.count, columns.frame, columns.fps)
     rest = [k for k in range(len(header)) if k not in told]
@@ -127,11 +129,11 @@ def weight_columns(header, place, names=None):
         columns.numbers = {header.index(n): n for n in names}
     elif openface := [k for k in rest if _INTENSITY.fullmatch(header[k])]:
         columns.numbers = {k: header[k] for k in openface}
-    elif _is_arkit([header[k] for k in rest]):
-        columns.numbers = {k: canonical(header[k]) for k in rest if canonical(header[k])}
+    elif _is_arkit([bare[k] for k in rest]):
+        columns.numbers = {k: canonical(bare[k]) for k in rest if canonical(bare[k])}
     else:
-        named = {k: _kept(header[k]) for k in rest}
-        columns.numbers = {k: name for k, name in named.items() if name}
+        named = {k: _kept(bare[k]) for k in rest}
+        columns.numbers = {k: n if n in ANGLES else header[k] for k, n in named.items() if n}
     columns.others = {k: header[k] for k in rest if k not in columns.numbers}
     columns.intensities = all(map(_INTENSITY.fullmatch, columns.numbers.values()))
     if columns.intensities:  # the r is no side
@@ -164,6 +166,16 @@ def _is_arkit(names):
     ends = [name.split(".")[-1].split(":")[-1].lower() for name in names]
     found = {*ends} & {name.lower() for name in ARKIT}
     return 2 * len(found) >= max(len(ARKIT), len(names))
+
+
+def _without_prefix(header):
+    """Names without what half of them have in front of ARKit's: ARKit_JawOpen, ARKit_HeadYaw."""
+    known = "|".join((*ARKIT, *ANGLES))
+    found = [re.fullmatch(rf"(.*?[\W_])?(?:{known})", name, re.IGNORECASE) for name in header]
+    prefix, count = Counter(f and f[1] for f in found).most_common(1)[0]
+    if not prefix or 2 * count < len(header):
+        return header
+    return [name.removeprefix(prefix) for name in header]
 
 
 def _refuse_nameless(header, place, but=None):

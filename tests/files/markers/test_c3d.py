@@ -140,6 +140,23 @@ def test_outputs_of_a_model_are_no_markers(tmp_path, points):
     assert "2 output(s) of a model left out: 1 angles, 1 moments" in read.report.notes
 
 
+def test_outputs_that_no_list_names_are_known_by_theirs(tmp_path, rng):
+    labels = ["MouthAngle", "LNeckAngles", "Anna:LHipMoment", "brow_Power", "RNormalisedGRF"]
+    points = rng.normal(scale=50, size=(3, 5, 3))
+    read = read_c3d(Maker(points, labels).write(tmp_path / "m.c3d"))
+    assert read.names == ("MouthAngle", "brow_Power")
+    said = "3 output(s) of a model left out: 1 angles, 1 moments, 1 forces"
+    assert said in read.report.notes
+
+
+def test_markers_without_a_label_are_no_subject(tmp_path, points):
+    labels = ["Anna:chin", "Anna:nose_tip", "Unlabeled:1018", "Unlabeled:1019"]
+    read = read_c3d(Maker(points, labels).write(tmp_path / "s.c3d"))
+    assert read.names == ("chin", "nose_tip", "Unlabeled:1018", "Unlabeled:1019")
+    said = "2 marker(s) that Motive has not labelled (Unlabeled:1018, Unlabeled:1019)"
+    assert said in read.report.notes
+
+
 def test_a_file_of_nothing_but_angles_is_refused(tmp_path):
     maker = Maker(np.ones((3, 1, 3)), ["Neck"])
     maker.parameters["POINT:ANGLES"] = ["Neck"]

@@ -114,7 +114,7 @@ def test_the_right_unit_mends_the_size(tmp_path, P):
 # --- values that fill gaps ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("value", [-1, -9999, 99999, 1000])
+@pytest.mark.parametrize("value", [-1, -9999, 99999, 1000, -3.7e28])
 @pytest.mark.parametrize("write", ["npz", "trc", "csv"])
 def test_values_that_fill_gaps_are_hidden_markers_and_counted(tmp_path, rng, value, write):
     rest = rng.uniform(-1, 1, size=(8, 3)) * [60, 90, 40]
