@@ -40,8 +40,7 @@ _FACS_NAMES = {  # by normalised name: as FACS names its units, and as rigs buil
     **{"nostrildilator": 38, "nostrilcompressor": 39, "eyesclosed": 45, "eyeclosed": 45},
     **{"eyeclosure": 45, "blink": 45},
 }
-_SIDES = dict.fromkeys(("l", "lf", "lt", "left"), "left")
-_SIDES |= dict.fromkeys(("r", "rt", "right"), "right")
+_SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}  # LT may be left and top
 _SPACE = re.compile(r"[.:|/\\]+")  # what ends a namespace: head_GEO.jawOpen, Body:jawOpen
 _COPY = re.compile(r"(?<=[^\W\d])\.\d{3}$")  # jawOpen.001: a copy, as Blender numbers them
 _WORD = re.compile(r"[^\W\d_]+|\d+")

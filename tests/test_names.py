@@ -136,7 +136,6 @@ SPELLINGS = {
     "longer prefix": lambda n: f"CC_Base_{n}",
     "_L": lambda n: n.replace("Left", "_L").replace("Right", "_R"),
     ".l": lambda n: n.replace("Left", ".l").replace("Right", ".r"),
-    "_lf": lambda n: n.replace("Left", "_lf").replace("Right", "_rt"),
     "l_": lambda n: (n[-5:] == "Right") * "r_" + (n[-4:] == "Left") * "l_" + _plain(n),
     "mixed": lambda n: f"Head_GEO.{n.upper()}" if n.startswith("jaw") else n,
 }
@@ -160,6 +159,12 @@ def test_a_name_with_a_side_never_stands_for_the_other_and_a_bare_jaw_for_none()
     match = match_names(["eyeBlink_L", "eyeBlink_R"], ["eyeBlinkLeft"])
     assert match.driven == {"eyeBlink_L": "eyeBlinkLeft"} and match.idle == ("eyeBlink_R",)
     assert not match_names(["jawLeft", "mouthRight"], ["jaw", "mouth"]).driven
+
+
+def test_left_and_top_is_not_left():
+    names = ["lipFunneler_LT", "lipFunneler_LB", "lipFunneler_RT", "lipFunneler_RB"]
+    assert not match_names(["lipFunneler_L", "lipFunneler_R"], names).driven
+    assert match_names(names, [n.lower() for n in names]).idle == ()
 
 
 def test_two_sides_in_a_name_are_kept_apart():
