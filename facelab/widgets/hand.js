@@ -812,6 +812,7 @@ class Hand {
     if (!column) return;
     const faces = [...column.querySelectorAll(".facelab-face")].map(({ facelab }) => facelab);
     const seen = faces.filter((hand) => hand?.stage.clientWidth);
+    if (!seen.length) return; // another page is before this one
     column.style.maxWidth = `${seen.reduce((sum, { widest }) => sum + widest + GAP, 0)}px`;
   }
 

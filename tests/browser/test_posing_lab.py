@@ -397,6 +397,17 @@ def test_the_canvas_grows_with_the_page_and_nothing_has_to_be_scrolled_sideways(
     assert widths[0] < widths[1] < widths[2]
 
 
+def test_the_face_is_as_large_as_before_once_another_tab_was_before_it(fresh):
+    before, page = fresh.bring_into_view(), fresh.page
+    page.keyboard.press("Control+Shift+L")  # a launcher
+    page.wait_for_function("!document.querySelector('.facelab-stage').clientWidth")
+    page.evaluate("dispatchEvent(new Event('resize'))")
+    page.locator(".lm-DockPanel .lm-mod-current .lm-TabBar-tabCloseIcon").click()
+    page.wait_for_function("document.querySelector('.facelab-stage').clientWidth")
+    after = fresh.bring_into_view()
+    assert (after["width"], after["height"]) == (before["width"], before["height"])
+
+
 def test_the_face_can_fill_the_screen(fresh):
     fresh.page.get_by_label("Full screen").first.click()
     fresh.page.wait_for_function("document.fullscreenElement !== null")
