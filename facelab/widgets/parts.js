@@ -319,9 +319,9 @@ function track({ model, el }) {
   const place = (t) => `${(100 * Math.min(t / model.get("length"), 1)).toFixed(3)}%`;
   const steady = (t) => Math.min(Math.max(Math.round(25 * t) / 25, 0), model.get("length"));
   let held = null;
-  let [asked, heard] = [0, 0];
+  let asked = null; // the last message, until the kernel has heard it
   const draw = () => {
-    if (held || heard < asked) return;
+    if (held || asked) return;
     const focused = [...line.children].indexOf(document.activeElement);
     const times = model.get("times");
     const keys = times.map((time) => {
@@ -336,7 +336,7 @@ function track({ model, el }) {
       };
       // from where the kernel will have it by then, unless another key is in the way
       const tell = () => {
-        model.send({ do: to === from ? "choose" : "move", item: from, to, asked: ++asked });
+        model.send({ do: to === from ? "choose" : "move", item: from, to, asked: (asked = Math.random()) });
         if (!times.some((t) => t !== time && Math.abs(t - to) < 0.02)) from = to;
         to = from;
         key.style.left = place(to);
@@ -369,8 +369,9 @@ function track({ model, el }) {
     keys[focused]?.focus();
   };
   const stand = () => (now.style.left = place(model.get("now")));
-  const hear = (message) => {
-    heard = message.heard;
+  const hear = ({ heard }) => {
+    if (heard !== asked) return;
+    asked = null;
     draw();
   };
   draw();

@@ -299,6 +299,7 @@ class PosingLab(Lab):
     def _follow(self, what):
         """The session has changed, by this lab, another one, or a script."""
         try:
+            self.pose.note_change()
             held, live = self.stage.held, self.session.history.live
             over = held is not None and (live is None or live.vertex != held)
             if over:  # by an undo, or a pull elsewhere

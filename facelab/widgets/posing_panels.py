@@ -61,6 +61,7 @@ class PosePanel(Panel):
         self.pins = self.pin_list.list
         toggles = row(self.symmetric, self.along, self.limit)
         self.widget = widgets.VBox([toggles, self.pin_list.widget, self.beta, self.gamma])
+        self._held, self._sliding = None, False
         self.pace = Pace(self.beta, self.gamma, on_hold=self._hold, on_let=self._let)
         self.beta.observe(self._slide, names="value")
         self.gamma.observe(self._slide, names="value")
@@ -94,18 +95,29 @@ class PosePanel(Panel):
     @shows_errors
     def _hold(self, slider, hold):
         values = [value for _, value in slider.options]
+        self._held = hold
         self.lab.stage.begin_slide(hold, slider, self._name_of(slider), values)
 
     @shows_errors
     def _let(self, _, hold):
         self.lab.stage.end_slide(hold)
+        self._held = None
+
+    def note_change(self):
+        """The session has changed: but by the slider that is held, the page draws that no more."""
+        if self._held is not None and not self._sliding:
+            self.lab.stage.end_slide(self._held)
+            self._held = None
 
     @shows_errors
     def _slide(self, change):
         if not self.settling:
-            name = self._name_of(change["owner"])
-            with self.session.group(name):
-                self.session.set(**{name: change["new"]})
+            name, self._sliding = self._name_of(change["owner"]), True
+            try:
+                with self.session.group(name):
+                    self.session.set(**{name: change["new"]})
+            finally:
+                self._sliding = False
 
     @shows_errors
     def _switch(self, change):

@@ -85,6 +85,22 @@ def test_the_page_is_told_the_faces_that_a_slider_goes_through(lab, monkeypatch,
     assert getattr(session, name) == slider.options[3][1]
 
 
+def test_what_changes_the_session_while_a_slider_is_held_is_shown(lab):
+    slider, shown = lab.pose.gamma, lab.view._hand
+    pull(lab.session, 17, [1.0, 0, 3])
+    hold = {"slider": slider.model_id, "name": "first"}
+    lab.pose.pace._handle_custom_msg({"do": "hold", **hold}, [])
+    slider.index += 3
+    assert shown.settled != "first", "the page draws that itself"
+    pull(lab.session, 3, [1.0, 0, 3])
+    assert shown.settled == "first"
+    slider.index += 3
+    lab.pose.pace._handle_custom_msg({"do": "let", **hold, "index": slider.index}, [])
+    lab.pose.pace._handle_custom_msg({"do": "hold", **hold, "name": "second"}, [])
+    lab.session.undo()
+    assert shown.settled == "second"
+
+
 def test_no_slide_is_drawn_over_a_frame_of_a_clip(keyed, monkeypatch):
     told, slider = [], keyed.pose.gamma
     monkeypatch.setattr(type(keyed.view._hand), "_tell", lambda _, *sent: told.append(sent))
