@@ -2,7 +2,6 @@
 // and a bar for each unit. The kernel sends numbers; what is drawn from them is settled here.
 
 const SVG = "http://www.w3.org/2000/svg";
-const TELL = "facelab-tell"; // asks what is kept back to be told: something else will be at once
 
 function svg(name, attributes, parent, text = "") {
   const made = document.createElementNS(SVG, name);

@@ -16,7 +16,6 @@ const GAP = 12; // pixels between faces
 const HIGHEST = 0.8; // of the window
 const BOTH_SIDES = 2; // three.DoubleSide
 const SVG = "http://www.w3.org/2000/svg";
-const TELL = "facelab-tell"; // asks what is kept back to be told: something else will be at once
 const PULL = "facelab-pull"; // tells the other views of a face what is pulled, and where to
 const VIEWS = [
   ["F", "From the front", [0, 0, 1]],
@@ -474,7 +473,7 @@ class Hand {
   }
 
   begin(vertex, along) {
-    const press = crypto.randomUUID?.() ?? String(Math.random());
+    const press = newName();
     hush(this.view.scene); // what has come since
     const before = [...this.let.values()].filter(({ foreign }) => !foreign).map(end);
     this.drag = { press, vertex, before, offset: [0, 0, 0], moved: false };

@@ -1,3 +1,6 @@
+const TELL = "facelab-tell"; // asks all parts of a page to tell the kernel what they keep back
+const newName = () => crypto.randomUUID?.() ?? String(Math.random()); // the first over https and on this machine only
+
 // anywidget gives a model of the page two seconds to start. A page that is busy drawing may need
 // more, and then anywidget keeps all that the kernel says from that model for ever. So such a model
 // listens to the kernel itself, and asks for what it has missed.

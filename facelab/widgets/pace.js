@@ -43,7 +43,7 @@ export default {
     document.addEventListener("pointerdown", async (event) => {
       const slider = await heldBy(event, sliders);
       if (!slider) return;
-      const about = { slider: slider.model_id, name: crypto.randomUUID?.() ?? String(Math.random()) };
+      const about = { slider: slider.model_id, name: newName() };
       model.send({ do: "hold", ...about });
       const over = new AbortController();
       const letGo = async () => {

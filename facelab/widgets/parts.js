@@ -5,7 +5,6 @@ const EDITABLE = "input:not([type=range]), textarea, select, [contenteditable=tr
 const PLAYER = { play: "Play", pause: "Pause", stop: "Stop", retweet: "Repeat" };
 const OWN_KEYS = [" ", "Enter", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
 const AGAIN = ["Undo", "Redo"]; // buttons of which a double click is two
-const TELL = "facelab-tell"; // asks all parts to tell the kernel what they keep back
 
 // Keys go to the lab that the mouse is over, unless a text is being edited; JupyterLab's own
 // shortcuts would else cut and delete cells.
